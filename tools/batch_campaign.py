@@ -1,30 +1,34 @@
 """Hold `hdbench batch` against the single command: workers killed, Ctrl-C, twice, wall time.
 
-    tools/batch_campaign.py kill stop twice cluster --records 2000 --seconds 20 --out build/batch
+    tools/batch_campaign.py workers kill cluster twice stop --records 2000 --out build/batch
+    tools/batch_campaign.py single --out build/batch       # meanwhile, in another terminal
 
-`kill` kills a worker with -9 every `--every` seconds, and compares every result with that of the
-single command. `stop` sends Ctrl-C at ten random moments, goes on with --resume, and compares the
-table with that of a batch that nobody stopped. `twice` runs the same batch again. `cluster` takes
-the wall time with one and two workers and with three workers started by hand; the overhead is what
-a worker does not spend in the command itself, and stands beside each. Records are those of
-`python tools/blind/null.py`. Prints one line of JSON each and exits 1 where one does not hold.
+`workers` takes the wall time with `--workers` workers here, `cluster` with three that are started
+by hand. `kill` kills a worker with -9 every `--every` seconds. `twice` runs the batch of `workers`
+again. `stop` sends Ctrl-C at ten random moments and goes on with --resume. Every result of each is
+compared with that of the single command, which `single` computes beforehand. The overhead is what
+a worker does not spend in the command, as a share of what it does. Records are those of `python
+tools/blind/null.py`. A part that was interrupted goes on where it was. Prints one line of JSON for
+each part and exits 1 where one does not hold.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import hashlib
 import io
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stdout, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,61 +37,121 @@ import psutil
 sys.path.insert(0, str(Path(__file__).parent / "blind"))
 from null import NOISES, clean_record
 
-from hdbench.records import write_trace
+from hdbench.records import Trace, write_trace
 from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
 
 _HDBENCH = (sys.executable, "-m", "hdbench_cli")
+_DASK = (sys.executable, "-m", "dask")
+_FULL_RATE_HZ = 1000
+_HASH = re.compile(rb"sha256 [0-9a-f]{64}")
 _STOPS = 10
 _SECOND_SHARE = 0.05
+_MOST_OVERHEAD = 0.1
 
 
 class Campaign:
     """Records of one size, and where everything is kept."""
 
     def __init__(self, args: argparse.Namespace) -> None:
-        self.command, self.every = args.command, args.every
+        self.command, self.every, self.workers = args.command, args.every, args.workers
         self.options = args.option or (["--no-report"] if args.command == "run-ripple" else [])
-        self.workers, self.out = str(args.workers), args.out
-        self.traces = args.out / f"traces-{args.seconds:g}s-{args.records}"
+        self.out = args.out.absolute()
+        self.traces = self.out / f"traces-{args.seconds:g}s-{args.rate}hz-{args.records}"
         self.rng = random.Random(args.seed)
         self.inputs = [self.traces / f"trace-{k:05d}.csv" for k in range(args.records)]
+        self._single = self.out / f"single-{args.command}.jsonl"
+        self._make_traces(args.seconds, _FULL_RATE_HZ // args.rate)
+
+    def _make_traces(self, seconds: float, step: int) -> None:
         self.traces.mkdir(parents=True, exist_ok=True)
         for number, file in enumerate(self.inputs):
             if not file.exists():
-                kind = NOISES[number % len(NOISES)]
-                write_trace(file, clean_record(number, args.seconds, kind))
+                made = self.out / f"part-{os.getpid()}.csv"
+                record = clean_record(number, seconds, NOISES[number % len(NOISES)])
+                columns = {name: values[::step] for name, values in record.columns.items()}
+                write_trace(made, Trace(columns))
+                made.rename(file)
 
-    def words(self, name: str, *more: str) -> list[str]:
-        """Return the command line of a batch in a folder of its own."""
-        out = ["--out", str(self.out / name), *self.options, *more]
+    def place(self, part: str) -> Path:
+        """Return the folder of a batch."""
+        return self.out / f"{part}-{self.command}"
+
+    def words(self, part: str, *more: str) -> list[str]:
+        """Return the command line of a batch; it goes on with what an earlier call left."""
+        folder = self.place(part)
+        resume = ("--resume",) if (folder / "batch.jsonl").exists() else ()
+        out = ["--out", str(folder), *self.options, *resume, *more]
         return [*_HDBENCH, "batch", self.command, str(self.traces), *out]
 
-    def clear(self, name: str) -> Path:
-        """Return an empty folder for a batch."""
-        shutil.rmtree(self.out / name, ignore_errors=True)
-        return self.out / name
+    def error_file(self, part: str) -> Path:
+        """Return the file with what a batch writes on stderr."""
+        return self.out / f"{part}-{self.command}.stderr.txt"
 
-    def start(self, words: Sequence[str]) -> subprocess.Popen[str]:
+    def start(self, part: str, *more: str) -> subprocess.Popen[str]:
         """Start a batch in a process group of its own, as a terminal does."""
-        error = (self.out / "stderr.txt").open("a")
-        return subprocess.Popen(
-            words, stdout=subprocess.DEVNULL, stderr=error, text=True, start_new_session=True
+        with self.error_file(part).open("a") as error:
+            return subprocess.Popen(
+                self.words(part, *more),
+                stdout=subprocess.DEVNULL,
+                stderr=error,
+                text=True,
+                start_new_session=True,
+            )
+
+    def timed(self, part: str, *more: str) -> dict[str, Any]:
+        """Run a batch to its end; return wall time, exit code, and what is true of the results."""
+        before, begin = self._journal_lines(part), time.monotonic()
+        code = self.start(part, *more).wait()
+        wall_s = time.monotonic() - begin
+        rows = self._journal_lines(part)[len(before) :]
+        return {"wall_s": round(wall_s, 1), "computed": len(rows), **self.check(part, code)}
+
+    def _journal_lines(self, part: str) -> list[str]:
+        with suppress(FileNotFoundError):
+            return (self.place(part) / "batch.jsonl").read_text().splitlines()[1:]
+        return []
+
+    def check(self, part: str, code: int) -> dict[str, Any]:
+        """Compare every result of a batch with that of the single command."""
+        folder = self.place(part)
+        rows = rows_of(folder)
+        alone = self.single()
+        different = sum(
+            row["input"] != str(file)
+            or not row["result"]
+            or digest(folder / "results" / Path(row["result"]).name) != alone[file.name]
+            for row, file in zip(rows, self.inputs, strict=False)
         )
+        results = len(list((folder / "results").iterdir()))
+        clean = "Traceback" not in self.error_file(part).read_text()
+        holds = clean and code == different == 0 and len(rows) == results == len(self.inputs)
+        return {
+            "rows": len(rows), "results": results, "different": different, "exit_code": code,
+            "no_traceback": clean, "holds": holds,
+        }  # fmt: skip
 
-    def timed(self, name: str, *more: str) -> tuple[float, int]:
-        """Run a batch to its end; return wall time, s, and exit code."""
-        begin = time.monotonic()
-        code = self.start(self.words(name, *more)).wait()
-        return time.monotonic() - begin, code
+    def single(self) -> dict[str, str]:
+        """Return the digest of what the single command makes of every record; each made once."""
+        lines = self._single.read_text().splitlines() if self._single.exists() else []
+        known = dict(json.loads(line) for line in lines)
+        for file in self.inputs:
+            if file.name not in known:
+                known[file.name] = self._one(file)
+                with self._single.open("a") as kept:
+                    kept.write(json.dumps([file.name, known[file.name]]) + "\n")
+        return known
 
-    def whole(self) -> Path:
-        """Return a batch that nobody disturbed; made once."""
-        folder = self.out / "whole"
-        if not (folder / "batch.csv").exists():
-            self.clear("whole")
-            self.timed("whole", "--workers", self.workers)
-        return folder
+    def _one(self, file: Path) -> str:
+        folder = self.out / f"single-{os.getpid()}"
+        given = ["--from"] if self.command != "diagnose" else []
+        words = [self.command, *given, str(file), "--out", str(folder), *self.options]
+        try:
+            with redirect_stdout(io.StringIO()):
+                run_line(words, Output(json=True))
+            return digest(next(folder.iterdir()))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -96,28 +160,21 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def same_table(one: Path, other: Path) -> bool:
-    """Say whether two tables hold the same rows; time and folder are their own."""
-
-    def plain(folder: Path) -> list[dict[str, str]]:
-        rows = rows_of(folder)
-        own = {"seconds": ""}
-        return [row | own | {"result": Path(row["result"]).name} for row in rows]
-
-    return plain(one) == plain(other)
-
-
-def result_of(run: Path) -> dict[str, Any]:
-    """Return a result without the name of its run, which is a time."""
-    body: dict[str, Any] = json.loads((run / "result.json").read_text())
-    body.pop("run", None)
-    return body
+def digest(run: Path) -> str:
+    """Return the digest of every file in a run but run.json, without what names the run itself."""
+    name = json.loads((run / "run.json").read_text())["run_id"].encode()
+    total = hashlib.sha256()
+    for file in sorted(run.iterdir()):
+        content = b"" if file.name == "run.json" else file.read_bytes().replace(name, b"")
+        if file.name == "filter.json":  # the hash of a result that holds that name
+            content = _HASH.sub(b"", content)
+        total.update(file.name.encode() + b" " + hashlib.sha256(content).digest())
+    return total.hexdigest()
 
 
-def overhead(folder: Path, wall_s: float, workers: int) -> float:
+def overhead(rows: Sequence[dict[str, Any]], wall_s: float, workers: int) -> float:
     """Return the time that workers did not spend in the command, as a share of that in it."""
-    inside_s = sum(float(row["seconds"]) for row in rows_of(folder))
-    return wall_s * workers / inside_s - 1.0
+    return wall_s * workers / sum(float(row["seconds"]) for row in rows) - 1.0
 
 
 def is_worker(process: psutil.Process) -> bool:
@@ -127,124 +184,123 @@ def is_worker(process: psutil.Process) -> bool:
     return False
 
 
+def single(campaign: Campaign) -> dict[str, Any]:
+    """Run the single command on every record, in one process."""
+    begin, cpu = time.monotonic(), time.process_time()
+    found = len(campaign.single())
+    times = {"wall_s": time.monotonic() - begin, "cpu_s": time.process_time() - cpu}
+    return {
+        **{name: round(value, 1) for name, value in times.items()},
+        "results": found, "holds": found == len(campaign.inputs),
+    }  # fmt: skip
+
+
+def workers(campaign: Campaign) -> dict[str, Any]:
+    """Take the wall time with workers on this computer."""
+    count = campaign.workers
+    part = f"workers-{count}"
+    found = campaign.timed(part, "--workers", str(count))
+    if found["computed"] < len(campaign.inputs):  # an earlier call did some: no time of the whole
+        return {"workers": count, **found}
+    share = overhead(rows_of(campaign.place(part)), found["wall_s"], count)
+    holds = found["holds"] and share <= _MOST_OVERHEAD
+    return {"workers": count, **found, "overhead": round(share, 4), "holds": holds}
+
+
+def twice(campaign: Campaign) -> dict[str, Any]:
+    """Run the batch of `workers` again, and once more without its results."""
+    part = f"workers-{campaign.workers}"
+    words = ("--workers", str(campaign.workers))
+    if not (campaign.place(part) / "batch.csv").exists():
+        campaign.timed(part, *words)
+    first_s = sum(float(row["seconds"]) for row in rows_of(campaign.place(part)))
+    table = (campaign.place(part) / "batch.csv").read_bytes()
+    second = campaign.timed(part, *words)
+    same = (campaign.place(part) / "batch.csv").read_bytes() == table
+    share = second["wall_s"] * campaign.workers / first_s
+    holds = second["holds"] and second["computed"] == 0 and share <= _SECOND_SHARE and same
+    return {**second, "share_of_first": round(share, 4), "same_table": same, "holds": holds}
+
+
 def kill(campaign: Campaign) -> dict[str, Any]:
-    """Kill a worker every few seconds; compare every result with the single command's."""
-    folder = campaign.clear("kill")
-    batch = campaign.start(campaign.words("kill", "--workers", campaign.workers, "--retries", "10"))
+    """Kill a worker every few seconds."""
+    batch = campaign.start("kill", "--workers", str(campaign.workers), "--retries", "10")
     parent, kills, begin = psutil.Process(batch.pid), 0, time.monotonic()
     while batch.poll() is None:
         try:
             batch.wait(campaign.every)
         except subprocess.TimeoutExpired:
-            workers = [child for child in parent.children() if is_worker(child)]
-            if workers:
-                campaign.rng.choice(workers).kill()
+            hands = [child for child in parent.children() if is_worker(child)]
+            if hands:
+                campaign.rng.choice(hands).kill()
                 kills += 1
-    wall_s = time.monotonic() - begin
-    rows, different = rows_of(folder), 0
-    for row, file in zip(rows, campaign.inputs, strict=False):
-        if not row["result"]:
-            continue
-        alone = campaign.clear("single")
-        words = [campaign.command, "--from", str(file.absolute()), "--out", str(alone)]
-        if campaign.command == "diagnose":
-            words.remove("--from")
-        with redirect_stdout(io.StringIO()):
-            run_line([*words, *campaign.options], Output(json=True))
-        single = next(alone.iterdir())
-        different += Path(row["input"]) != file or (
-            result_of(single) != result_of(folder / "results" / Path(row["result"]).name)
-        )
-    found = len(list((folder / "results").iterdir()))
-    holds = batch.returncode == different == 0 and len(rows) == found == len(campaign.inputs)
-    return {
-        "kills": kills, "wall_s": round(wall_s, 1), "results": found, "different": different,
-        "exit_code": batch.returncode, "holds": holds,
-    }  # fmt: skip
+    wall_s = round(time.monotonic() - begin, 1)
+    return {"kills": kills, "wall_s": wall_s, **campaign.check("kill", batch.returncode)}
 
 
 def stop(campaign: Campaign) -> dict[str, Any]:
-    """Send Ctrl-C at ten random moments, go on, and compare the table."""
-    begin = time.monotonic()
-    whole = campaign.whole()
-    whole_s = max(20.0, time.monotonic() - begin)
-    folder, codes, slowest, stopped = campaign.clear("stop"), [], 0.0, 0
-    for number in range(_STOPS):
-        resume = ("--resume",) if (folder / "batch.jsonl").exists() else ()
-        batch = campaign.start(campaign.words("stop", "--workers", campaign.workers, *resume))
+    """Send Ctrl-C at ten random moments, go on, and compare."""
+    count = str(campaign.workers)
+    shutil.rmtree(campaign.place("stop"), ignore_errors=True)
+    codes, slowest, stopped = [], 0.0, 0
+    # so that ten stops reach through the whole batch, at the speed at which it goes
+    rate, done = 1.0, 0
+    while len(codes) < _STOPS:
+        left = (len(campaign.inputs) - done) / (_STOPS - len(codes)) / rate
+        batch, begin = campaign.start("stop", "--workers", count), time.monotonic()
         try:
-            batch.wait(campaign.rng.uniform(0.5, 2.0 * whole_s / _STOPS))
+            batch.wait(campaign.rng.uniform(0.2, 5.0 + 1.5 * left))
         except subprocess.TimeoutExpired:
             os.killpg(batch.pid, signal.SIGINT)
             pressed = time.monotonic()
             batch.wait()
-            slowest, stopped = max(slowest, time.monotonic() - pressed), number + 1
+            slowest, stopped = max(slowest, time.monotonic() - pressed), stopped + 1
         codes.append(batch.returncode)
-    _, last = campaign.timed("stop", "--workers", campaign.workers, "--resume")
-    same = same_table(whole, folder)
-    clean = "Traceback" not in (campaign.out / "stderr.txt").read_text()
-    holds = same and clean and last == 0 and set(codes) <= {0, 130, -signal.SIGINT}
+        with suppress(FileNotFoundError):
+            now = len((campaign.place("stop") / "batch.jsonl").read_bytes().splitlines()) - 1
+            rate = max((now - done) / (time.monotonic() - begin), 0.2)
+            done = now
+    found = campaign.timed("stop", "--workers", count)
+    holds = found["holds"] and set(codes) <= {0, 130, -signal.SIGINT}
     return {
-        "stopped": stopped, "exit_codes": codes, "slowest_stop_s": round(slowest, 1),
-        "same_table": same, "no_traceback": clean, "holds": holds,
+        "stopped": stopped, "exit_codes": codes, "slowest_stop_s": round(slowest, 1), **found,
+        "holds": holds,
     }  # fmt: skip
 
 
-def twice(campaign: Campaign) -> dict[str, Any]:
-    """Run a batch and then the same again."""
-    campaign.clear("twice")
-    first_s, _ = campaign.timed("twice", "--workers", campaign.workers)
-    before = (campaign.out / "twice" / "batch.jsonl").read_bytes()
-    second_s, code = campaign.timed("twice", "--workers", campaign.workers, "--resume")
-    nothing = (campaign.out / "twice" / "batch.jsonl").read_bytes() == before
-    share = second_s / first_s
-    return {
-        "first_s": round(first_s, 2), "second_s": round(second_s, 2), "share": round(share, 4),
-        "nothing_computed": nothing, "holds": nothing and code == 0 and share <= _SECOND_SHARE,
-    }  # fmt: skip
-
-
-def cluster(campaign: Campaign) -> dict[str, Any]:
-    """Take the wall time with one and two workers, and with three started by hand."""
-    found: dict[str, Any] = {}
-    for count in (1, 2):
-        folder = campaign.clear(f"workers-{count}")
-        wall_s, _ = campaign.timed(folder.name, "--workers", str(count))
-        share = round(overhead(folder, wall_s, count), 4)
-        found[f"workers_{count}"] = {"wall_s": round(wall_s, 1), "overhead": share}
-    dask = (sys.executable, "-m", "dask")
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    place = campaign.clear("scheduler")
+@contextmanager
+def cluster_by_hand(place: Path) -> Iterator[str]:
+    """Start a scheduler and three workers, and give its address."""
+    shutil.rmtree(place, ignore_errors=True)
     place.mkdir()
-    file = str(place / "scheduler.json")
-    hands = [
-        subprocess.Popen(
-            [*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-             "--scheduler-file", file], **quiet
-        )
-    ]  # fmt: skip
+    file = place / "scheduler.json"
+    # each as from a terminal of its own
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    quiet["start_new_session"] = True
+    head = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    hands = [subprocess.Popen([*_DASK, *head, "--scheduler-file", str(file)], **quiet)]
     try:
-        while not Path(file).exists():
+        while not file.exists():
             time.sleep(0.2)
-        address = json.loads(Path(file).read_text())["address"]
-        for _ in range(3):
-            hands.append(
-                subprocess.Popen([*dask, "worker", address, "--nthreads", "1",
-                                  "--no-dashboard"], cwd=place, **quiet)
-            )  # fmt: skip
-        folder = campaign.clear("cluster")
-        wall_s, code = campaign.timed("cluster", "--scheduler", address)
+        address = json.loads(file.read_text())["address"]
+        worker = ("worker", address, "--nthreads", "1", "--no-dashboard")
+        hands += [subprocess.Popen([*_DASK, *worker], cwd=place, **quiet) for _ in range(3)]
+        yield address
     finally:
         for process in reversed(hands):
             process.terminate()
             process.wait()
-    found["cluster_3"] = {"wall_s": round(wall_s, 1), "exit_code": code}
-    same = same_table(folder, campaign.out / "workers-1")
-    return {**found, "same_table": same, "holds": code == 0 and same}
+
+
+def cluster(campaign: Campaign) -> dict[str, Any]:
+    """Take the wall time with three workers started by hand."""
+    with cluster_by_hand(campaign.out / f"scheduler-{campaign.command}") as address:
+        return campaign.timed("cluster", "--scheduler", address)
 
 
 PARTS: dict[str, Callable[[Campaign], dict[str, Any]]] = {
-    "kill": kill, "stop": stop, "twice": twice, "cluster": cluster,
+    "single": single, "workers": workers, "twice": twice, "kill": kill, "stop": stop,
+    "cluster": cluster,
 }  # fmt: skip
 
 
@@ -258,19 +314,21 @@ def main() -> int:
     parser.add_argument("--option", action="append", help="of the command; may be repeated")
     parser.add_argument("--records", type=int, default=2000)
     parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument(
+        "--rate", type=int, default=_FULL_RATE_HZ, choices=[1000, 500, 200, 100], help="Hz"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--every", type=float, default=10.0, help="s between two kills")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build") / "batch")
     args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
-    (args.out / "stderr.txt").write_text("")
     campaign, holds = Campaign(args), True
     for name in args.parts:
         found = PARTS[name](campaign)
         holds = holds and found["holds"]
         size = {"part": name, "command": args.command, "records": args.records}
-        print(json.dumps({**size, "seconds": args.seconds, **found}), flush=True)
+        of = {"seconds": args.seconds, "rate_hz": args.rate}
+        print(json.dumps({**size, **of, **found}), flush=True)
     return 0 if holds else 1
 
 

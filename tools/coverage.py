@@ -21,11 +21,11 @@ import json
 import math
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,14 +120,27 @@ def one_loop(seed: int) -> dict[str, bool]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def loop_apart(seed: int) -> dict[str, int]:
+    """Run one loop as a program: an experiment catches Ctrl-C, which only a main thread can."""
+    words = [sys.executable, __file__, "loop", "--runs", "1", "--seed", str(seed)]
+    said = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=False).stdout
+    covered: dict[str, int] = json.loads(said)["covered"]
+    return covered
+
+
 def loop(asked: argparse.Namespace) -> int:
     """Run the campaign of closed loops and print the table."""
-    # an experiment catches Ctrl-C, which only the main thread of a process can
-    with ProcessPoolExecutor(asked.workers) as pool:
-        outcomes = list(pool.map(one_loop, range(asked.seed, asked.seed + asked.runs)))
-    counts = {name: sum(o[name] for o in outcomes) for name in outcomes[0]}
-    print(json.dumps({"seeds": len(outcomes), "covered": counts}))
-    slack, middle = 8.0 * (len(outcomes) / 200.0) ** 0.5, 0.95 * len(outcomes)
+    counts: Counter[str] = Counter()
+    if asked.runs == 1:
+        counts.update({name: int(hit) for name, hit in one_loop(asked.seed).items()})
+    else:
+        seeds = range(asked.seed, asked.seed + asked.runs)
+        for outcome in run_tasks(loop_apart, seeds, Workers(asked.workers)):
+            if outcome.lost:
+                raise SystemExit(f"seed {outcome.task}: the worker died {outcome.deaths} times")
+            counts.update(outcome.value)
+    print(json.dumps({"seeds": asked.runs, "covered": counts}))
+    slack, middle = 8.0 * (asked.runs / 200.0) ** 0.5, 0.95 * asked.runs
     return int(any(abs(count - middle) > slack + 1e-9 for count in counts.values()))
 
 

@@ -172,7 +172,7 @@ def _said(step: Mapping[str, Any]) -> Iterator[str]:
     elif step["exit"]:
         yield f"exit {step['exit']}: finished, but the data are doubtful"
     elif "findings" in body:
-        yield from (f"{f['name']}: {f['consequence']}" for f in body["findings"])
+        yield from (f"{f['name']}: {f['detail']}: {f['consequence']}" for f in body["findings"])
 
 
 def main() -> int:

@@ -173,6 +173,7 @@ SETS = (
         "xl330",
         (
             "import xl330_pendulum.json",
+            "inspect xl330_pendulum.json",
             "import xl330_pendulum.json --map time_s=timestamp --map torque_nm=load*1@int16 "
             "--map motor_angle_rad=position --map motor_velocity_rad_s=speed "
             "--map torque_enable=torque_enable --out pendulum.csv",

@@ -276,7 +276,7 @@ def one(scenario: Scenario, seed: int, duration_s: float) -> dict[str, object]:
 
     from hdbench.filter import Channels, OnlineFilter, preset, tune
     from hdbench.filter.response import filter_response
-    from hdbench.filter.tuning import settings_of
+    from hdbench.filter.tuning.run import settings_of
     from hdbench.profile import load_profile
 
     profile = load_profile("cim-tr-97-06").data

@@ -21,15 +21,13 @@ from hdbench.batch.fingerprint import stamps_of
 from hdbench.batch.inputs import Input
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.records.storage import storage_error, write_atomic
-from hdbench.records.tables import require_parquet
+from hdbench.records.tables import require_parquet, safe_cell
 from hdbench.system.files import lock_file
 
 # the same content fails or passes in the same way; anything else is worth another try
 _LASTING = (0, 2, 3, 4, 6)
 # first columns of the table, in the contract's order
 _COLUMNS = ("input", "sha256", "exit_code", "error", "result", "verdict", "drive", "seconds")
-# a spreadsheet would take a text that starts so for a formula
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 class BatchFolder:
@@ -214,7 +212,7 @@ class BatchFolder:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows([_cell(row.get(name)) for name in columns] for row in rows)
+        writer.writerows([safe_cell(row.get(name)) for name in columns] for row in rows)
         write_atomic(self.path / "batch.csv", text.getvalue().encode("utf-8"))
         parquet = require_parquet("hdbench batch")
         pyarrow = importlib.import_module("pyarrow")
@@ -222,14 +220,6 @@ class BatchFolder:
         sink = pyarrow.BufferOutputStream()
         parquet.write_table(table, sink)
         write_atomic(self.path / "batch.parquet", sink.getvalue().to_pybytes())
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, float):
-        return repr(value)
-    if isinstance(value, str) and value.startswith(_FORMULA):
-        return f"'{value}"
-    return value
 
 
 def identity_of(entry: Input) -> str:

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -20,6 +20,8 @@ from hdbench.system.processes import kill, undisturbed
 # so long without a single worker, s, nobody will come: a loaded computer starts one in 30
 _WITHOUT_WORKERS_S = 120.0
 _LOOK_S = 0.5
+# a value is a row of a table: it is here at once, or its worker is gone
+_FETCH_S = 10.0
 _CLOSE_S = 10
 _STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
 _ONE_AT_A_TIME = threading.Lock()
@@ -178,20 +180,30 @@ def _run(
             seats.check()
             continue
         for future in ended.done:
-            entry = held.pop(future)
-            error = future.exception() if future.status == "error" else None
-            if future.status == "finished":
-                yield Outcome(entry.task, future.result(), entry.deaths)
+            entry, status = held[future], future.status
+            if status == "finished":
+                try:
+                    outcome = replace(entry, value=future.result(timeout=_FETCH_S))
+                except (TimeoutError, distributed.KilledWorker):
+                    status = "lost"
+            if status in ("lost", "pending"):
+                # its worker died before the value was here: the scheduler computes it again
+                seats.check()
+                continue
+            error = future.exception() if status == "error" else None
+            del held[future]
+            if status == "finished":
+                yield outcome
             elif isinstance(error, distributed.KilledWorker):
                 deaths = entry.deaths + 1
                 if deaths > workers.retries:
-                    yield Outcome(entry.task, None, deaths, lost=True)
+                    yield replace(entry, deaths=deaths, lost=True)
                 else:
                     start(entry.task, deaths)
             elif error is not None:
                 raise error
             else:
-                raise _scheduler_lost(workers.scheduler or "local cluster", future.status)
+                raise _scheduler_lost(workers.scheduler or "local cluster", status)
             future.release()
         fill()
 

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from hdbench.calibration.evaluation import evaluate_calibration
-from hdbench.calibration.gains.positions import consistency_interval
+from hdbench.calibration.gains import consistency_interval
 
 __all__ = ["consistency_interval", "evaluate_calibration"]

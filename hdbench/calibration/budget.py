@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.calibration.gains.positions import any_one_position, by_position
-from hdbench.calibration.torque.sources import certified_row
+from hdbench.calibration.gains import any_one_position, by_position
+from hdbench.calibration.lever import certified_row
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray

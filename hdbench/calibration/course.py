@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from hdbench.calibration.applied import TorqueAccount
 from hdbench.calibration.readings import TakenReading, flagged
-from hdbench.calibration.torque.applied import TorqueAccount
 from hdbench.profile.calibrating import ShuntCheck
 from hdbench.records.loads import SequenceEntry
 from hdbench.results import DataFlag

@@ -15,7 +15,7 @@ from hdbench.records import Loads
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads
 from hdbench.results import Part, read_result
-from hdbench.results.flatten import Leaf, flatten
+from hdbench.results.parts import Leaf, flatten
 
 _ABOUT = ("hdbench_version", "versions", "device", "host", "calibration", "status")
 # what a run says of one calibration and its age is told by the calibration's hash already

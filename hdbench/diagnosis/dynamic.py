@@ -296,7 +296,6 @@ def _faults(
         unfaded,
         np.where(record.valid, record.torque_nm, 0.0),
         task.profile.data,
-        alpha=0.03 * task.alpha,
         volts="torque_v" in inspected.trace,
     )
 

@@ -1,4 +1,4 @@
-"""Linear regression with white or coloured noise, a valid mask and effective dof."""
+"""Least squares with white or coloured noise: fits, noise of autoregressive form."""
 
 from __future__ import annotations
 
@@ -7,9 +7,258 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.estimation.noise import MAX_AR_ORDER, NoiseModel, fit_noise, whiten
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
+
+MAX_AR_ORDER = 30
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """Noise as an autoregression driven by white noise.
+
+    Parameters
+    ----------
+    predictors : tuple of ndarray
+        Entry j, of shape (j,), predicts a sample from the j samples before it, newest first.
+        The last entry is the model; the lower ones start a record without losing samples.
+    stds : ndarray, shape (order + 1,)
+        Standard deviation of the error of each predictor, unit of the noise, above zero.
+    n_samples : int
+        Samples that the model was fitted to.
+
+    Notes
+    -----
+    ``e(k) = sum_i a_i e(k - i) + w(k)``, w white with standard deviation ``innovation_std``.
+    """
+
+    predictors: tuple[FloatArray, ...]
+    stds: FloatArray
+    n_samples: int
+
+    @property
+    def order(self) -> int:
+        """Order p of the autoregression."""
+        return len(self.predictors) - 1
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Coefficients a_1 ... a_p."""
+        return self.predictors[-1]
+
+    @property
+    def innovation_std(self) -> float:
+        """Standard deviation of the innovation w, unit of the noise."""
+        return float(self.stds[-1])
+
+    def spectrum(self, frequency_hz: FloatArray, sample_period_s: float) -> FloatArray:
+        """Return the one-sided power spectral density.
+
+        Parameters
+        ----------
+        frequency_hz : ndarray
+            Frequencies in [0, 1 / (2 * sample_period_s)], Hz.
+        sample_period_s : float
+            Sampling period, s.
+
+        Returns
+        -------
+        ndarray
+            Density, unit of the noise squared per Hz.
+        """
+        lags = np.arange(1, self.order + 1)
+        turn = np.exp(-2j * np.pi * sample_period_s * np.multiply.outer(frequency_hz, lags))
+        gain = np.abs(1.0 - turn @ self.coefficients) ** 2
+        return np.asarray(2.0 * sample_period_s * self.innovation_std**2 / gain)
+
+    @property
+    def density_variance(self) -> float:
+        """Relative variance of the spectral density, at the frequency where it is known least.
+
+        Notes
+        -----
+        With ``A(w) = 1 - sum a_k exp(-i w k)`` and ``g_k = d ln S / d a_k = 2 Re(exp(-i w k) /
+        A(w))`` it is ``g' C g``, ``C = std^2 inv(Gamma) / n`` the covariance of the coefficients,
+        Gamma that of p neighbouring samples; the largest of 65 frequencies. For a white noise 0.
+        """
+        p = self.order
+        if p == 0:
+            return 0.0
+        root = np.zeros((p, p))
+        for j in range(p):
+            root[j, j] = 1.0
+            root[j, :j] = -self.predictors[j][::-1]
+            root[j] /= self.stds[j]
+        # row j of root is the whitened sample j of a run: root' root = inv(Gamma)
+        turn = np.exp(-1j * np.outer(np.linspace(0.0, np.pi, 65), np.arange(1, p + 1)))
+        slope = 2.0 * np.real(turn / (1.0 - turn @ self.coefficients)[:, None])
+        spread = (slope @ root.T) * self.innovation_std
+        return float(np.max(np.einsum("wk,wk->w", spread, spread))) / self.n_samples
+
+
+def run_positions(
+    valid: NDArray[np.bool_], starts: NDArray[np.bool_] | None = None
+) -> NDArray[np.int64]:
+    """Count the valid samples that directly precede each sample.
+
+    Parameters
+    ----------
+    valid : ndarray of bool, shape (n,)
+        Samples that can be used.
+    starts : ndarray of bool, shape (n,), optional
+        True where a sample does not follow its predecessor (a gap in time, a new stretch).
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        0 at the first sample of a run, 1 at the next, ...; -1 where a sample is not valid.
+    """
+    index = np.arange(len(valid))
+    first = valid.copy()
+    first[1:] &= ~valid[:-1]
+    if starts is not None:
+        first |= starts & valid
+    begin = np.maximum.accumulate(np.where(first, index, 0))
+    return np.where(valid, index - begin, -1)
+
+
+def fit_noise(
+    residual: FloatArray,
+    valid: NDArray[np.bool_] | None = None,
+    *,
+    starts: NDArray[np.bool_] | None = None,
+    max_order: int = MAX_AR_ORDER,
+    keep_lines: bool = True,
+) -> NoiseModel:
+    """Fit an autoregression to a residual; the order is chosen by BIC.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        Residual, any unit; its mean is taken as zero.
+    valid : ndarray of bool, shape (n,), optional
+        Samples that can be used; all finite ones without it.
+    starts : ndarray of bool, shape (n,), optional
+        Where a new stretch begins, see `run_positions`.
+    max_order : int
+        Highest order tried, at least 0.
+    keep_lines : bool
+        Take sinusoids above six standard deviations out before the fit, so that the noise model
+        does not swallow what an analysis is looking for.
+
+    Returns
+    -------
+    NoiseModel
+
+    Raises
+    ------
+    ValueError
+        If fewer than four samples are valid or the residual is zero throughout.
+
+    Notes
+    -----
+    Burg's recursion over every run of valid samples at once gives all orders; BIC is
+    ``n ln(std_p^2) + p ln(n)``. Cost O(n max_order).
+
+    References
+    ----------
+    .. [1] J. P. Burg, Maximum entropy spectral analysis, 37th meeting of the SEG, 1967.
+    .. [2] G. Schwarz, Ann. Statist. 6 (1978) 461, doi:10.1214/aos/1176344136.
+    """
+    usable = np.isfinite(residual) if valid is None else valid & np.isfinite(residual)
+    n_usable = int(usable.sum())
+    clean = np.where(usable, residual, 0.0)
+    if not (n_usable >= 4 and np.any(clean)):
+        raise ValueError(f"a noise model needs 4 samples that are not all zero, found {n_usable}")
+    if keep_lines:
+        from hdbench.estimation.harmonics import without_lines
+
+        clean = without_lines(clean, usable)
+    position = run_positions(usable, starts)
+    # one parameter per ten samples at most, so that short records do not fit their own noise
+    highest = max(0, min(max_order, n_usable // 10))
+    predictors, stds = _burg(clean, position, highest)
+    orders = np.arange(len(stds))
+    bic = n_usable * np.log(stds**2) + orders * np.log(n_usable)
+    best = int(np.argmin(bic))
+    return NoiseModel(tuple(predictors[: best + 1]), stds[: best + 1], n_usable)
+
+
+def _burg(
+    series: FloatArray, position: NDArray[np.int64], max_order: int
+) -> tuple[list[FloatArray], FloatArray]:
+    """Return the predictors of orders 0 ... max_order and their error stds."""
+    forward = series.copy()
+    backward = series.copy()
+    power = float(np.mean(series[position >= 0] ** 2))
+    predictors: list[FloatArray] = [np.zeros(0)]
+    powers = [power]
+    for order in range(1, max_order + 1):
+        use = position[order:] >= order
+        ahead = forward[order:][use]
+        behind = backward[order - 1 : -1][use]
+        energy = float(ahead @ ahead + behind @ behind)
+        # a run too short, or a residual predicted to rounding, ends the recursion
+        if not energy > np.finfo(float).eps * powers[0] * max(1, len(ahead)):
+            break
+        reflection = 2.0 * float(ahead @ behind) / energy
+        last = predictors[-1]
+        predictors.append(np.concatenate([last - reflection * last[::-1], [reflection]]))
+        powers.append(powers[-1] * (1.0 - reflection**2))
+        step_forward = forward[order:] - reflection * backward[order - 1 : -1]
+        backward[order:] = backward[order - 1 : -1] - reflection * forward[order:]
+        forward[order:] = step_forward
+    return predictors, np.sqrt(np.array(powers))
+
+
+def whiten(
+    columns: FloatArray,
+    model: NoiseModel,
+    valid: NDArray[np.bool_] | None = None,
+    *,
+    starts: NDArray[np.bool_] | None = None,
+) -> FloatArray:
+    """Divide out the colour of the noise: the result has unit, white noise.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n,) or (n, k)
+        Response or design columns, unit of the noise.
+    model : NoiseModel
+        Noise to be whitened.
+    valid : ndarray of bool, shape (n,), optional
+        Samples that can be used; all without it. A gap splits the record.
+    starts : ndarray of bool, shape (n,), optional
+        Where a new stretch begins, see `run_positions`.
+
+    Returns
+    -------
+    ndarray, shape (n,) or (n, k)
+        Whitened columns, dimensionless; 0 where not valid.
+
+    Notes
+    -----
+    ``x~(k) = (x(k) - sum_i a_i x(k - i)) / std``; the first samples of each run use the
+    predictors of lower order, so that no sample is lost and the likelihood is exact for a
+    stationary Gaussian noise. Cost O(n k order).
+    """
+    table = columns[:, None] if columns.ndim == 1 else columns
+    usable = np.ones(len(table), dtype=bool) if valid is None else valid
+    position = run_positions(usable, starts)
+    filled = np.where(usable[:, None], table, 0.0)
+    kernel = np.concatenate([[1.0], -model.coefficients])
+    white = np.empty_like(filled)
+    for column in range(filled.shape[1]):
+        white[:, column] = np.convolve(filled[:, column], kernel)[: len(filled)]
+    white /= model.innovation_std
+    for order in range(model.order):
+        at = np.flatnonzero(position == order)
+        past = filled[at[:, None] - np.arange(1, order + 1)]
+        guess = np.einsum("rjk,j->rk", past, model.predictors[order])
+        white[at] = (filled[at] - guess) / model.stds[order]
+    white[~usable] = 0.0
+    return white[:, 0] if columns.ndim == 1 else white
+
 
 # largest ratio of singular values of the scaled design that still gives digits to trust
 _MAX_CONDITION = 1e8

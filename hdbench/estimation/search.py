@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.estimation.harmonics import Harmonic, harmonic_at, harmonic_columns
-from hdbench.estimation.noise import NoiseModel, whiten
-from hdbench.estimation.regression import LinearFit, coloured_fit
+from hdbench.estimation.regression import LinearFit, NoiseModel, coloured_fit, whiten
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 

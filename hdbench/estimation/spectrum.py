@@ -10,6 +10,7 @@ import numpy as np
 
 from hdbench.estimation.harmonics import background
 from hdbench.records.trace import FloatArray
+from hdbench.results.dynamic import SpectrumLine
 
 # half width of the main lobe of a Hann window, in bins; peaks closer than it are one peak
 _LOBE_BINS = 2.0
@@ -43,39 +44,6 @@ class Spectrum:
     amplitude: FloatArray
     power_density: FloatArray
     resolution_hz: float
-
-
-@dataclass(frozen=True, slots=True)
-class SpectrumPeak:
-    """A peak of a spectrum.
-
-    Parameters
-    ----------
-    name : str or None
-        ``2x``, ``4x``, ... where it lies at a named order, else None.
-    frequency_hz, angular_frequency_rad_s : float
-        Place, Hz and rad/s.
-    order : float
-        Place over the motor frequency, cycles per motor turn.
-    amplitude : float
-        Amplitude, unit of the signal.
-    """
-
-    name: str | None
-    frequency_hz: float
-    angular_frequency_rad_s: float
-    order: float
-    amplitude: float
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the peak as results store it; the signal is a torque in N m."""
-        return {
-            "name": self.name,
-            "frequency_hz": self.frequency_hz,
-            "angular_frequency_rad_s": self.angular_frequency_rad_s,
-            "order": self.order,
-            "amplitude_nm": self.amplitude,
-        }
 
 
 def amplitude_spectrum(signal: FloatArray, sample_period_s: float) -> Spectrum:
@@ -120,7 +88,7 @@ def find_peaks(
     spectrum: Spectrum,
     motor_velocity_rad_s: float,
     named_orders: Mapping[str, float],
-) -> tuple[SpectrumPeak, ...]:
+) -> tuple[SpectrumLine, ...]:
     """Return the peaks above the noise, strongest first, with those at given orders named.
 
     Parameters
@@ -134,7 +102,7 @@ def find_peaks(
 
     Returns
     -------
-    tuple of SpectrumPeak
+    tuple of SpectrumLine
 
     Notes
     -----
@@ -166,16 +134,16 @@ def find_peaks(
         ):
             kept.append(i)
     peaks = [
-        SpectrumPeak(
-            names.get(i),
-            float(frequency[i]),
-            2.0 * math.pi * float(frequency[i]),
-            float(frequency[i]) / motor_hz,
-            float(amplitude[i]),
+        SpectrumLine(
+            name=names.get(i),
+            frequency_hz=float(frequency[i]),
+            angular_frequency_rad_s=2.0 * math.pi * float(frequency[i]),
+            order=float(frequency[i]) / motor_hz,
+            amplitude_nm=float(amplitude[i]),
         )
         for i in kept
     ]
-    return tuple(sorted(peaks, key=lambda peak: -peak.amplitude))
+    return tuple(sorted(peaks, key=lambda peak: -peak.amplitude_nm))
 
 
 def _names(

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.estimation.harmonics import harmonic_columns
-from hdbench.estimation.noise import fit_noise
-from hdbench.estimation.regression import ordinary_fit
+from hdbench.estimation.regression import fit_noise, ordinary_fit
 from hdbench.records.trace import FloatArray
 
 # degrees tried, in this order, until two in a row do not pay

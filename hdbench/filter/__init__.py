@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from hdbench.filter.build import build_filter_model
 from hdbench.filter.comparison import butterworth_lowpass
 from hdbench.filter.kalman import FilteredBlock, kernel_name, kernel_reason
 from hdbench.filter.model import FilterModel, OscillatorBlock, SlowBlock
-from hdbench.filter.online import OnlineFilter
-from hdbench.filter.presets import PRESETS, load_filter_model, preset
-from hdbench.filter.steady import transfer_at_steady_speed
-from hdbench.filter.traces import Channels, filter_channels, filter_trace, filtered_columns
-from hdbench.filter.tuning import TuningResult, TuningSettings, tune
+from hdbench.filter.online import (
+    Channels,
+    OnlineFilter,
+    filter_channels,
+    filter_trace,
+    filtered_columns,
+)
+from hdbench.filter.presets import PRESETS, build_filter_model, load_filter_model, preset
+from hdbench.filter.response import transfer_at_steady_speed
+from hdbench.filter.tuning.result import TuningResult
+from hdbench.filter.tuning.run import TuningSettings, tune
 
 __all__ = [
     "PRESETS",

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
 from hdbench.filter.model import FilterModel
-from hdbench.filter.online import OnlineFilter
-from hdbench.filter.smoothing import motor_angle, smooth_channels
-from hdbench.filter.traces import Channels
+from hdbench.filter.online import Channels, OnlineFilter
+from hdbench.filter.orders import motor_angle, smooth_channels
 from hdbench.records import FloatArray
 
 _SETTLE_SHARE = 0.25  # of the record is left to the filters to settle, at most 20 s

@@ -17,7 +17,7 @@ from hdbench.importing.cells import MISSING, stamp_seconds
 from hdbench.importing.mapping import WORDS, SourceColumn
 from hdbench.importing.source import Source
 from hdbench.importing.units import target_unit, unit_scale
-from hdbench.records.tables.numbers import plain_matrix
+from hdbench.records.tables.csvtext import plain_matrix
 from hdbench.records.trace import FloatArray
 
 _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}

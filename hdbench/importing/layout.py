@@ -188,6 +188,10 @@ def _header_block(
         words = [cell for cell in cells if cell.strip()]
         # names may leave the last column out, as where rows end with a delimiter
         wide = len(cells) >= width or (not block and len(cells) == width - 1 > 1)
+        # units may be left out behind the last one
+        wide = wide or (
+            not block and bool(words) and all(known_unit(w.strip(" []()")) for w in words)
+        )
         apart = place - above > 1 + (above + 1 in {c for c, _ in comments})
         if (apart and block) or not wide or _filled(cells) > width or any(map(is_number, words)):
             break

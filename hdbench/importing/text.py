@@ -37,7 +37,7 @@ from hdbench.importing.source import (
 )
 from hdbench.importing.units import stated_unit
 from hdbench.records.tables import data_error
-from hdbench.records.tables.numbers import parse_numbers
+from hdbench.records.tables.csvtext import parse_numbers
 from hdbench.records.trace import FloatArray
 
 # no line of a table is longer: a thousand columns of a hundred characters

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from hdbench.model.baseline import baseline_columns, baseline_orders
-from hdbench.model.bench import BenchModel, term_torque_nm, with_signal
+from hdbench.model.bench import (
+    BenchModel,
+    baseline_columns,
+    baseline_orders,
+    term_torque_nm,
+    with_signal,
+)
 from hdbench.model.cause import (
-    Cause,
-    CauseTerm,
-    Parameter,
     catalogue,
     cause_named,
     cause_parameters,
     check_term,
     describe_causes,
-    shape_bounds,
     user_causes,
 )
 from hdbench.model.causefile import load_causes
 from hdbench.model.causes._memory import first_order
-from hdbench.model.harmonics import amplitude_phase
+from hdbench.model.definition import Cause, CauseTerm, Parameter, amplitude_phase, shape_bounds
 from hdbench.model.modelfile import load_model, save_model
 from hdbench.model.motion import Motion, gauge_order_factor, integrate_velocity, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise

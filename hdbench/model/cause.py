@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict
 from difflib import get_close_matches
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,26 +16,15 @@ import numpy as np
 from hdbench.errors import DataError, HdbenchError
 from hdbench.model.causefile import load_causes
 from hdbench.model.causes import ALL_CAUSES, CAUSE_GROUPS
-from hdbench.model.definition import Cause, CauseTerm, Parameter, shape_bounds
-from hdbench.model.harmonics import amplitude_phase, quadratures, standard_uncertainty
+from hdbench.model.definition import (
+    Cause,
+    CauseTerm,
+    Parameter,
+    amplitude_phase,
+    quadratures,
+    standard_uncertainty,
+)
 from hdbench.records.trace import FloatArray
-
-__all__ = [
-    "CAUSES_GROUP",
-    "Cause",
-    "CauseTerm",
-    "Parameter",
-    "ParameterTable",
-    "catalogue",
-    "cause_named",
-    "cause_parameters",
-    "check_term",
-    "describe_cause",
-    "describe_causes",
-    "plugin_causes",
-    "shape_bounds",
-    "user_causes",
-]
 
 CAUSES_GROUP = "hdbench.causes"
 
@@ -56,12 +45,16 @@ def plugin_causes() -> tuple[Cause, ...]:
 
 def _causes_of(entry: EntryPoint) -> Iterator[Cause]:
     """Yield the causes of an entry point: a cause, a sequence of them, or a callable for those."""
-    with _Blamed(entry):
+    try:
         thing = entry.load()
         if callable(thing) and not isinstance(thing, Cause):
             thing = thing()
-        several = [thing] if isinstance(thing, Cause) else thing
-        causes = list(several) if isinstance(several, Sequence) else [several]
+        causes = list(thing) if isinstance(thing, Sequence) else [thing]
+    except HdbenchError:
+        raise
+    except Exception as error:  # whatever a package's own code raises
+        words = f"cannot give its causes: {type(error).__name__}: {error}"
+        raise _error(entry, words) from error
     for cause in causes:
         if not isinstance(cause, Cause):
             kind = type(cause).__name__
@@ -76,27 +69,6 @@ def _error(entry: EntryPoint, what: str) -> DataError:
         where=f"entry point {entry.name} = {entry.value} of group {CAUSES_GROUP}",
         fix=f"mend or uninstall {name}",
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Blamed:
-    """A context: whatever a package's own code raises becomes an error that names the package."""
-
-    entry: EntryPoint
-
-    def __enter__(self) -> None:
-        """Begin what the package's own code does."""
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Turn an error into one that names the package."""
-        if isinstance(error, Exception) and not isinstance(error, HdbenchError):
-            words = f"cannot give its causes: {type(error).__name__}: {error}"
-            raise _error(self.entry, words) from error
 
 
 ParameterTable = dict[str, dict[str, float | str | None]]
@@ -397,12 +369,6 @@ def describe_causes(extra: Iterable[Cause] = ()) -> list[dict[str, Any]]:
 
 
 def _parameter(parameter: Parameter, kind: str) -> dict[str, Any]:
-    return {
-        "name": parameter.name,
-        "kind": kind,
-        "unit": parameter.unit,
-        "lower": parameter.lower,
-        "upper": parameter.upper,
-        "bands": [list(band) for band in parameter.bands],
-        "description": parameter.description,
-    }
+    known = asdict(parameter) | {"kind": kind, "bands": [list(band) for band in parameter.bands]}
+    names = ("name", "kind", "unit", "lower", "upper", "bands", "description")
+    return {name: known[name] for name in names}

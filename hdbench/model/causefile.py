@@ -22,7 +22,7 @@ from hdbench.model.declared import (
     cause_of,
 )
 from hdbench.model.definition import Cause
-from hdbench.profile.problems import key_text, problem
+from hdbench.profile.loader import key_text, problem
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
 _HELP = "docs/causes.md lists keys, units and domains"

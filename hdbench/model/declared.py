@@ -17,21 +17,19 @@ from pydantic import (
     model_validator,
 )
 
-from hdbench.model.causes._needs import (
+from hdbench.model.causes._parts import (
+    REFERENCE_LOAD_NM,
+    REFERENCE_SPEED_RAD_S,
     all_of,
     known_torque,
     lasts,
     motor_turns,
     output_turns,
-    speed_varies,
-)
-from hdbench.model.causes._parts import (
-    REFERENCE_LOAD_NM,
-    REFERENCE_SPEED_RAD_S,
     pair,
     pair_parameters,
     ratio_parameter,
     single,
+    speed_varies,
     torque_parameter,
 )
 from hdbench.model.definition import Cause, Parameter, always

@@ -14,14 +14,12 @@ from pydantic import BaseModel, ConfigDict, NonNegativeFloat, ValidationError
 from hdbench.errors import DataError
 from hdbench.model.bench import BenchModel
 from hdbench.model.cause import (
-    Cause,
-    CauseTerm,
     cause_named,
     cause_parameters,
     check_term,
 )
 from hdbench.model.causefile import declared_cause
-from hdbench.model.harmonics import quadratures
+from hdbench.model.definition import Cause, CauseTerm, quadratures
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
 
 MODEL_SCHEMA = "hdbench/model/1"

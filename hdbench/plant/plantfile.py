@@ -27,9 +27,8 @@ from pydantic import (
 
 from hdbench.errors import ProfileError
 from hdbench.plant.effects import EFFECT_KINDS, Effect
-from hdbench.profile.loader import read_toml
-from hdbench.profile.problems import problem
-from hdbench.profile.toml_text import Key, key_lines
+from hdbench.profile.loader import problem
+from hdbench.profile.toml_text import Key, key_lines, read_toml
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 

@@ -7,10 +7,11 @@ from hdbench.profile.loader import (
     check_profiles,
     list_profiles,
     load_profile,
+    new_profile,
     parse_profile,
+    profile_schema,
 )
 from hdbench.profile.schema import ProfileData
-from hdbench.profile.template import new_profile, profile_schema
 
 __all__ = [
     "Profile",

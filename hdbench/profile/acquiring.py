@@ -22,6 +22,7 @@ from pydantic_core import CoreSchema
 
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.acquiring_table import (
+    BROKEN,
     ROLES,
     Acquisition,
     NodeAcquisition,
@@ -29,8 +30,9 @@ from hdbench.profile.acquiring_table import (
     Role,
     SerialLine,
     TlsFiles,
+    find,
+    installed,
 )
-from hdbench.profile.drivers import BROKEN, find, installed
 from hdbench.profile.tables import Conflict, refuse
 
 __all__ = [

@@ -12,7 +12,6 @@ from hdbench.records.jsonfile import (
     write_json,
 )
 from hdbench.records.loads import LoadReading, Loads
-from hdbench.records.notes import RunNote, add_note, read_notes
 from hdbench.records.provenance import input_identity
 from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.recovery import (
@@ -22,7 +21,7 @@ from hdbench.records.recovery import (
     verify_run,
     verify_runs,
 )
-from hdbench.records.runfolder import RunFolder
+from hdbench.records.runfolder import RunFolder, RunNote, add_note, read_notes
 from hdbench.records.runindex import RunSummary, list_runs, select_runs
 from hdbench.records.storage import write_atomic, write_new
 from hdbench.records.tables import (

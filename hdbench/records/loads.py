@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 LOADS_COLUMNS = (
@@ -136,11 +136,4 @@ class SequenceEntry:
 
     def to_dict(self) -> dict[str, object]:
         """Return the entry as results store it."""
-        return {
-            "kind": self.kind,
-            "experiment": self.experiment,
-            "superseded": self.superseded,
-            "time_s": self.time_s,
-            "torque_nm": self.torque_nm,
-            "reading_v": self.reading_v,
-        }
+        return asdict(self)

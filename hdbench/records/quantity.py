@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Quantity:
 
     def to_dict(self) -> dict[str, float | None]:
         """Return ``{"value", "std", "dof"}`` as the contract writes it."""
-        return {"value": self.value, "std": self.std, "dof": self.dof}
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +100,4 @@ class TorqueScale:
 
     def to_dict(self) -> dict[str, object]:
         """Return the scale as results store it."""
-        return {
-            "gain_nm_per_v": self.gain_nm_per_v.to_dict(),
-            "source": self.source,
-            "sha256": self.sha256,
-            "calibrated_utc": self.calibrated_utc,
-            "age_days": self.age_days,
-            "expired": self.expired,
-            "age_words": self.age_words,
-        }
+        return asdict(self)

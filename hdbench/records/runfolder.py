@@ -1,7 +1,8 @@
-"""The folder of one run: what was done, with what, how it ended, and every file's hash."""
+"""Folder of one run: what was done, with what, how it ended, each file's hash, and notes."""
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import re
@@ -9,13 +10,14 @@ import secrets
 import socket
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import DataError, StorageError
+from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
-from hdbench.records.storage import sha256_file, storage_error
+from hdbench.records.storage import file_bytes, sha256_file, storage_error
 from hdbench.system.files import sync_folder
 from hdbench.system.processes import process_exists, process_mark
 
@@ -153,12 +155,13 @@ class RunFolder:
         Returns the time in UTC.
     """
 
-    __slots__ = ("_clock", "manifest", "path")
+    __slots__ = ("_clock", "journal", "loads", "manifest", "path", "report", "result", "trace")
 
     def __init__(
         self, path: Path, manifest: dict[str, Any], clock: Callable[[], datetime] = utc_now
     ) -> None:
         self.path = path
+        self.journal, self.trace, self.loads, self.result, self.report = map(path.joinpath, _NAMES)
         self.manifest = manifest
         self._clock = clock
 
@@ -239,31 +242,6 @@ class RunFolder:
     def run_id(self) -> str:
         """Name of the folder."""
         return self.path.name
-
-    @property
-    def journal(self) -> Path:
-        """Path of the journal."""
-        return self.path / "journal.hdj"
-
-    @property
-    def trace(self) -> Path:
-        """Path of the trace."""
-        return self.path / "trace.csv"
-
-    @property
-    def loads(self) -> Path:
-        """Path of the loads."""
-        return self.path / "loads.csv"
-
-    @property
-    def result(self) -> Path:
-        """Path of the result."""
-        return self.path / "result.json"
-
-    @property
-    def report(self) -> Path:
-        """Path of the report."""
-        return self.path / "report.html"
 
     def status(self) -> str:
         """Return the status; a run whose process is gone is ``incomplete``, not ``running``."""
@@ -382,3 +360,110 @@ class RunFolder:
             files = [name for name in _NAMES if (self.path / name).is_file()]
         names = [Path(file).name for file in files]
         return {name: sha256_file(self.path / name) for name in names}
+
+
+_NAME = "notes.jsonl"
+_LIMIT_BYTES = 1 << 20
+_LONGEST = 500
+
+
+@dataclass(frozen=True, slots=True)
+class RunNote:
+    """One note.
+
+    Parameters
+    ----------
+    utc : str
+        When it was written, ISO 8601.
+    text : str
+        What it says.
+    """
+
+    utc: str
+    text: str
+
+
+def add_note(run: Path, text: str, moment: datetime) -> RunNote:
+    """Append a note to a run and wait until the disk has it.
+
+    Parameters
+    ----------
+    run : Path
+        The run folder.
+    text : str
+        One line of at most 500 characters.
+    moment : datetime
+        Now, with a time zone.
+
+    Returns
+    -------
+    RunNote
+
+    Raises
+    ------
+    UsageError
+        If the text is empty, longer, or not printable.
+    DataError
+        If `run` is no run folder.
+    StorageError
+        If it cannot be written.
+    """
+    text = text.strip()
+    if not (0 < len(text) <= _LONGEST and text.isprintable()):
+        raise UsageError(
+            f"found a text of {len(text)} characters; needed: one line of 1 to {_LONGEST} "
+            "printable characters",
+            where="TEXT",
+            fix="shorten it, such as 'new gauges' or 're-clamped'",
+        )
+    read_manifest(run)
+    note = RunNote(utc_text(moment), text)
+    file = run / _NAME
+    try:
+        # a file of its own: run.json belongs to the process that makes the run
+        with file.open("ab") as stream:
+            stream.write(json.dumps(asdict(note)).encode() + b"\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+        sync_folder(run)
+    except OSError as error:
+        raise storage_error(error, file) from error
+    return note
+
+
+def read_notes(run: Path) -> tuple[RunNote, ...]:
+    """Return the notes of a run, oldest first.
+
+    Parameters
+    ----------
+    run : Path
+        The run folder.
+
+    Returns
+    -------
+    tuple of RunNote
+        Empty where there are none.
+
+    Raises
+    ------
+    DataError
+        If the file of the notes is damaged.
+    """
+    file = run / _NAME
+    if not file.exists():
+        return ()
+    notes = []
+    raw = file_bytes(file, limit=_LIMIT_BYTES, what="file of notes")
+    for number, line in enumerate(raw.split(b"\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            body = json.loads(line)
+            notes.append(RunNote(str(body["utc"]), str(body["text"])))
+        except (ValueError, KeyError, TypeError) as error:
+            raise DataError(
+                "not a note; needed: one JSON object with utc and text a line",
+                where=f"{file}:{number}",
+                fix="mend or remove that line",
+            ) from error
+    return tuple(notes)

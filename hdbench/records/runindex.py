@@ -18,13 +18,13 @@ from hdbench.records.runfolder import RunFolder
 
 INDEX_NAME = ".runs-index.sqlite"
 # raise it when RunSummary or how it is read changes: an index of another layout is made anew
-_LAYOUT = 1
+_LAYOUT = 2
 # file systems date changes in steps of up to 2 s (FAT); within one a change may leave no trace
 _STEP_NS = 2_000_000_000
 _LOCK_S = 2.0
 # runs read between two writes of the index: what an interrupted first build keeps
 _BATCH = 1000
-_ACCEPTED = {True: "accepted", False: "not-accepted", None: "not-decided"}
+ACCEPTANCE = {True: "accepted", False: "not-accepted", None: "not-decided"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ def _verdict(kind: str, file: Path) -> str:
     try:
         result = json.loads(file.read_bytes())
         if kind == "calibration":
-            return _ACCEPTED[result["accepted"]]
+            return ACCEPTANCE[result["accepted"]]
         if kind == "diagnosis":
             return str(result["verdict"])
         return "doubtful" if result.get("doubts") or result.get("flags") else "ok"
@@ -141,8 +141,8 @@ def list_runs(
     found: dict[str, RunSummary] = {}
     fresh: list[tuple[bytes, str, str]] = []
     for name, (stamp, changed_ns) in states.items():
-        row = known.get(name)
-        if row is not None and row[0] == stamp and (run := _unpacked(parent / name, row[1])):
+        kept_stamp, run = known.get(name, (None, None))
+        if run is not None and kept_stamp == stamp:
             found[name] = run
             continue
         found[name] = run = read_run(parent / name)
@@ -176,29 +176,24 @@ def _state(run: str) -> tuple[str, int] | None:
 
 
 def _packed(run: RunSummary) -> str:
-    body = asdict(run)
-    del body["path"]
-    return json.dumps(body)
+    return json.dumps([value for name, value in asdict(run).items() if name != "path"])
 
 
-def _unpacked(path: Path, text: str) -> RunSummary | None:
-    try:
-        fields = json.loads(text)
-        fields["files"] = tuple(fields["files"])
-        return RunSummary(path, **fields)
-    except (ValueError, TypeError, KeyError):
-        return None
-
-
-def _load(file: Path) -> dict[str, tuple[str, str]]:
+def _load(file: Path) -> dict[str, tuple[str, RunSummary]]:
     """Return stamp and summary by the name of the run; nothing where the index is of no use."""
+    parent = file.parent
     try:
         with closing(sqlite3.connect(file, timeout=_LOCK_S)) as index:
             if index.execute("PRAGMA user_version").fetchone()[0] != _LAYOUT:
                 return {}
-            rows = index.execute("SELECT name, stamp, body FROM runs")
-            return {os.fsdecode(name): (stamp, body) for name, stamp, body in rows}
-    except (sqlite3.Error, TypeError) as error:
+            rows = index.execute("SELECT name, stamp, body FROM runs").fetchall()
+        bodies = json.loads(f"[{','.join(body for _, _, body in rows)}]")
+        names = [os.fsdecode(name) for name, _, _ in rows]
+        return {
+            name: (stamp, RunSummary(parent / name, *(*fields, tuple(files))))
+            for name, (_, stamp, _), (*fields, files) in zip(names, rows, bodies, strict=True)
+        }
+    except (sqlite3.Error, TypeError, ValueError) as error:
         if getattr(error, "sqlite_errorcode", None) != sqlite3.SQLITE_BUSY:
             with suppress(OSError):
                 file.unlink()  # damaged; the next update makes a new one

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from hdbench.regression.tolerance import Tolerance, tolerance_for
-from hdbench.results.flatten import Leaf, flatten
+from hdbench.results.parts import Leaf, flatten
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,7 +106,8 @@ class _Figure:
         value, std = self.values[k], self.stds[k]
         if not math.isfinite(value):
             return DASH
-        return f"{short(value, std)} ± {short(std, std)}" if std > 0.0 else short(value)
+        # no line break within a number
+        return f"{short(value, std)}\xa0±\xa0{short(std, std)}" if std > 0.0 else short(value)
 
 
 def fleet_runs(named: Sequence[Path]) -> list[FleetRun]:
@@ -245,7 +246,7 @@ def _section(
     text = f"{judged}; {len(lost)} inputs have no result." if lost else f"{judged}."
     notes = () if figures else (f"Needed: {LEAST_DRIVES} drives that have the same figure.",)
     return Section(
-        f"{len(runs)} drives",
+        f"{kind}, {len(runs)} drives",
         kind,
         f"{kind.capitalize()} of {len(runs)} drives",
         Verdict("look" if count or lost else "good", text, notes),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.estimation import Spectrum, amplitude_spectrum
+from hdbench.estimation.spectrum import Spectrum, amplitude_spectrum
 from hdbench.estimation.stretches import SteadyStretch
 from hdbench.records import FloatArray
 from hdbench.report.canvas import COLOURS, Panel, min_max, new_figure

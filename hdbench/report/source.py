@@ -73,8 +73,8 @@ def load_source(path: Path, profile: Profile | None = None) -> Source:
 
 
 def typed_result(kind: str, stored: Mapping[str, Any], where: str) -> Any:
-    """Return a stored result as its type."""
-    return RESULT_TYPES[kind].from_json(stored, where)
+    """Return a stored result as its type; one of a kind without a type as it is."""
+    return RESULT_TYPES[kind].from_json(stored, where) if kind in RESULT_TYPES else stored
 
 
 def _from_result(path: Path, profile: Profile | None) -> Source:

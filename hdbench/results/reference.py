@@ -11,18 +11,11 @@ from pydantic import TypeAdapter
 
 from hdbench.records.loads import SequenceEntry
 from hdbench.records.quantity import Quantity, TorqueScale
-from hdbench.results.calibration import CalibrationResult
-from hdbench.results.diagnosis import DiagnosisResult
-from hdbench.results.dynamic import FilteredTrace, MisalignmentResult, RippleResult
+from hdbench.results import RESULT_TYPES
+from hdbench.results.dynamic import FilteredTrace
 from hdbench.results.parts import Part
 
-_TYPES: Mapping[str, type[Part]] = {
-    "calibration": CalibrationResult,
-    "misalignment": MisalignmentResult,
-    "ripple": RippleResult,
-    "diagnosis": DiagnosisResult,
-    "filter": FilteredTrace,
-}
+_TYPES: Mapping[str, type[Part]] = {**RESULT_TYPES, "filter": FilteredTrace}
 KINDS = tuple(_TYPES)
 _WORDS = {str: "text", float: "number", int: "integer", bool: "true or false"}
 # parts of records that results hold as they are: key, type, unit, meaning

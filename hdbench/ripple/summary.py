@@ -22,7 +22,6 @@ from hdbench.results.dynamic import (
     RippleBlocks,
     RippleOrder,
     SlowTerms,
-    SpectrumLine,
     SteadySpectrum,
     Suppression,
     TorqueRms,
@@ -184,16 +183,7 @@ def _spectrum(regression: Regression) -> SteadySpectrum | None:
         to_s=stretch.to_s,
         motor_velocity_rad_s=stretch.velocity_rad_s,
         resolution_hz=spectrum.resolution_hz,
-        peaks=tuple(
-            SpectrumLine(
-                name=peak.name,
-                frequency_hz=peak.frequency_hz,
-                angular_frequency_rad_s=peak.angular_frequency_rad_s,
-                order=peak.order,
-                amplitude_nm=peak.amplitude,
-            )
-            for peak in find_peaks(spectrum, stretch.velocity_rad_s, names)
-        ),
+        peaks=find_peaks(spectrum, stretch.velocity_rad_s, names),
     )
 
 

@@ -61,7 +61,7 @@ def tune_traces(
 ) -> TuningResult:
     """Tune a filter on traces."""
     from hdbench.filter import tune
-    from hdbench.filter.tuning import settings_of
+    from hdbench.filter.tuning.run import settings_of
 
     channels = [trace_channels(trace, profile, use_measured_angle=True) for trace in traces]
     measured = replace(base, use_measured_angle=True)

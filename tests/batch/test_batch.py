@@ -10,18 +10,20 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from hdbench.batch import BatchFolder, Input, expand_inputs, stamps_of
+from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
+from hdbench.batch.workers import _run
 from hdbench.errors import BusyError, UsageError
 from hdbench.records import Trace, write_trace
 from hdbench_cli.commands.batch_task import run_one
 from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
 
-pytest.importorskip("distributed")
+KilledWorker = pytest.importorskip("distributed").KilledWorker
 HDBENCH = [sys.executable, "-m", "hdbench_cli"]
 
 
@@ -106,6 +108,41 @@ def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path: Path):
     assert [deaths for _, deaths, _ in told][1:3] == [1, 2]
     assert [lost for _, _, lost in told] == [False, False, True, False, False]
     assert "Traceback" not in ran.stderr
+
+
+class _Future:
+    """A future whose worker dies twice after the task ended, before the value was fetched."""
+
+    def __init__(self) -> None:
+        self.seen = iter(["finished", "lost", "finished", "finished"])
+        self.fetched = iter([TimeoutError(), KilledWorker("", None, 0), 7])
+
+    status = property(lambda self: next(self.seen))
+
+    def result(self, timeout: float) -> int:
+        value = next(self.fetched)
+        if isinstance(value, Exception):
+            raise value
+        return value
+
+    def release(self) -> None:
+        pass
+
+
+def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_mended():
+    future, asked = _Future(), []
+    client = SimpleNamespace(
+        status="running",
+        submit=lambda *_args, **_words: future,
+        nthreads=lambda: asked.append(1) or {"worker": 1},
+    )
+    library = SimpleNamespace(
+        KilledWorker=KilledWorker, wait=lambda held, **_words: SimpleNamespace(done=held)
+    )
+    there = Workers(scheduler="tcp://there:8786")
+    outcomes = list(_run(library, client, len, iter(["task"]), there))
+    assert outcomes == [Outcome("task", 7)]
+    assert asked
 
 
 def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path, tmp_path: Path):

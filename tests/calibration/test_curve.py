@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.curve import loading_loop, series_lack_of_fit
+from hdbench.calibration.lines import loading_loop, series_lack_of_fit
 from hdbench.records import LoadReading, Loads
 
 DATA = os.environ.get("HDBENCH_DATA")

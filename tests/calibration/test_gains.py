@@ -11,15 +11,20 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from hdbench.calibration.budget import combined, expanded_uncertainty
-from hdbench.calibration.gains.differences import (
+from hdbench.calibration.differences import (
     DirectionEntry,
     consensus,
     direction_effects,
     paired_difference,
 )
-from hdbench.calibration.gains.mixed import mixed_fit
-from hdbench.calibration.gains.outliers import extreme_values, gain_outliers, grubbs_limit
-from hdbench.calibration.gains.positions import any_one_position, one_way
+from hdbench.calibration.gains import (
+    any_one_position,
+    extreme_values,
+    gain_outliers,
+    grubbs_limit,
+    mixed_fit,
+    one_way,
+)
 
 # eight gains with mean 6.60 and consistency 2.0 %, four positions, clockwise and anticlockwise
 EIGHT = [[6.43, 6.46], [6.50, 6.56], [6.63, 6.69], [6.75, 6.78]]

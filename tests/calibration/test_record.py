@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.acceptance import decide
 from hdbench.calibration.budget import combined, expanded_uncertainty, propagate, with_shares
+from hdbench.calibration.evaluation import decide
 from hdbench.errors import DataError
 from hdbench.profile import load_profile, new_profile, parse_profile
 from hdbench.records import LoadReading, Loads

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.staircase import StaircasePlan, find_plateaus, import_staircase
-from hdbench.calibration.staircase.plateaus import find_glitches, find_stuck
+from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
+from hdbench.calibration.staircase.plateaus import find_glitches, find_plateaus, find_stuck
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.mapping import ColumnMap, Constant
 from hdbench.importing.text import ForeignFormat

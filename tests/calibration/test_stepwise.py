@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from hdbench.calibration import evaluate_calibration
+from hdbench.calibration.applied import TorqueAccount
 from hdbench.calibration.readings import taken_readings
-from hdbench.calibration.stepwise.classes import CLASSES, class_limit, classify
-from hdbench.calibration.stepwise.evaluation import evaluate_group
+from hdbench.calibration.stepwise.evaluation import CLASSES, class_limit, classify, evaluate_group
 from hdbench.calibration.stepwise.series import step_groups
-from hdbench.calibration.torque.applied import TorqueAccount
 from hdbench.records import LoadReading, Loads
 
 _FILE = Path(__file__).with_name("worked_example.py")

@@ -8,19 +8,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hdbench.calibration.readings import taken_readings
-from hdbench.calibration.torque.applied import apply_torque
-from hdbench.calibration.torque.lever import (
+from hdbench.calibration.applied import apply_torque
+from hdbench.calibration.lever import (
     Conditions,
     air_density,
     applied_torque,
     buoyancy_factors,
+    torque_sources,
 )
-from hdbench.calibration.torque.sources import torque_sources
+from hdbench.calibration.readings import taken_readings
 from hdbench.errors import ProfileError
 from hdbench.profile import load_profile, parse_profile
-from hdbench.profile.calibrating import Arm, LengthStandard, MassStandard, Standards
-from hdbench.profile.gravity import gravity_welmec, gravity_wgs84
+from hdbench.profile.calibrating import (
+    Arm,
+    LengthStandard,
+    MassStandard,
+    Standards,
+    gravity_welmec,
+    gravity_wgs84,
+)
 from hdbench.records import LoadReading, Loads
 
 # the arm of a published example: 40 N m class, 8 kg on half a metre, hung 20 mm below the axis line

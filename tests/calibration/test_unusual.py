@@ -11,8 +11,7 @@ import pytest
 from scipy import stats
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.gains.mixed import plain_mean
-from hdbench.calibration.gains.positions import one_way
+from hdbench.calibration.gains import one_way, plain_mean
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads

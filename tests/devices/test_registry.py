@@ -13,7 +13,7 @@ from hdbench.devices.driver import drivers, open_daq
 from hdbench.devices.wire import parse_address
 from hdbench.drivers.dataq.port import port_path
 from hdbench.errors import UsageError
-from hdbench.profile import drivers as installed
+from hdbench.profile import acquiring_table as installed
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import NodeAcquisition, PluginAcquisition
 

@@ -1,12 +1,15 @@
 """Records of a shaft whose speed swings about a mean, in closed form: ripple, inertia and noise."""
 
 import numpy as np
+from scipy.signal import lfilter
 
 from hdbench.records import Trace
 
 NOISE_NM = 0.05
 COUNT = 2.0 * np.pi / 4000
 RIPPLE = ((2.0, 0.4, 0.0), (4.0, 0.2, 0.0))
+# ripple and misalignment of the bench
+BENCH = ((2.0, 0.4, 0.6), (4.0, 0.2, -1.1), (0.01, 0.9, 0.3))
 
 
 def swing(time, mean=90.0, size=40.0, period_s=9.0, ripple=RIPPLE):
@@ -24,6 +27,25 @@ def trace_of(time, speed, angle, torque, **more):
     """Return the trace of these columns."""
     columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
     return Trace({**columns, **more, "torque_nm": torque})
+
+
+def record(
+    extra=lambda time, angle, speed: 0.0,
+    motion=(90.0, 40.0, 9.0),
+    ripple=BENCH,
+    *,
+    n=10_000,
+    period_s=1e-3,
+    noise_nm=NOISE_NM,
+    pole=0.0,
+    seed=0,
+):
+    """Return a record of a speed that swings: mean, size and period of the swing."""
+    time = np.arange(n) * period_s
+    speed, angle, torque = swing(time, *motion, ripple)
+    white = np.sqrt(1.0 - pole**2) * np.random.default_rng(seed).standard_normal(n + 200)
+    torque += noise_nm * lfilter([1.0], [1.0, -pole], white)[200:] + extra(time, angle, speed)
+    return trace_of(time, speed, angle, torque)
 
 
 def read_by_encoder(n=10_000, seed=0, lost=(), extra=lambda t, a, w: 0.0, tacho=0.0, rough=0.0):

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from discovery_records import NOISE_NM, fitted, swinging
 
+from hdbench.diagnosis.discovery.dictionary import Dictionary
+from hdbench.diagnosis.discovery.form import joined
 from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
 from hdbench.diagnosis.discovery.naming import _named, _same_space
+from hdbench.diagnosis.discovery.search import Search
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.model import catalogue
 
@@ -116,3 +119,23 @@ def test_held_out_blocks_are_predicted_as_by_plain_regression_on_the_others():
     assert after.counts.sum() == used.sum()
     # the fitted spectrum is not quite white
     assert after.squares.sum() == pytest.approx(squares, rel=0.01)
+
+
+@pytest.mark.parametrize(("viscous", "left"), [(0.0, ()), (2e-3, ("viscous-friction",))])
+def test_a_cause_takes_the_place_of_those_that_it_makes_needless_alone(viscous, left):
+    shape = {"stribeck_rad_s": 15.0, "transition_rad_s": 2.0}
+
+    def friction(_time, _angle, speed):
+        fall = np.exp(-((speed / shape["stribeck_rad_s"]) ** 2))
+        return 0.3 * fall * np.tanh(speed / shape["transition_rad_s"]) + viscous * speed
+
+    fit = fitted(swinging(8000, friction, mean=0.0))
+    causes = catalogue()
+    for name, known in (("coulomb-friction", {"transition_rad_s": 2.0}), ("viscous-friction", {})):
+        fit.parts[fit.add_term(Term(causes[name], known))].cost_nats = 6.0
+    fit.settle(2)
+    new = joined(fit, (Term(causes["stribeck-friction"], shape),))
+    none = Dictionary((), np.zeros((0, fit.bands.size), dtype=np.float32), [])
+    saved = Search(fit, none, none, (), causes, 0.01, causes)._relieved(new, 1)
+    assert tuple(new.parts[part].name for part in new.causes()) == (*left, "stribeck-friction")
+    assert saved == 6.0 * (2 - len(left))

@@ -286,9 +286,7 @@ def left(columns, whitened=True):
     solution = np.linalg.lstsq(design[valid], (torque - fixed)[valid], rcond=None)[0]
     residual = np.where(valid, torque - fixed - design @ solution, 0.0)
     white = residual / 0.05 if whitened else None
-    return faults_of_residual(
-        residual, white, motion, valid, torque, PROFILE.data, alpha=1e-4, volts=False
-    )
+    return faults_of_residual(residual, white, motion, valid, torque, PROFILE.data, volts=False)
 
 
 def test_spikes_are_counted_and_a_step_is_none():

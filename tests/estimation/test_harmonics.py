@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 from scipy.stats import t as student
 
-from hdbench.estimation import combine, harmonic_at, harmonic_columns, ordinary_fit, scaled
+from hdbench.estimation.harmonics import combine, harmonic_at, harmonic_columns, scaled
+from hdbench.estimation.regression import ordinary_fit
 from hdbench.records import Quantity
 
 

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 from scipy.stats import t as student
 
-from hdbench.estimation import coloured_fit, ordinary_fit
+from hdbench.estimation.regression import coloured_fit, ordinary_fit
 
 
 def ar1(rng: np.random.Generator, n: int, a: float, std: float) -> np.ndarray:

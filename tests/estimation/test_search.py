@@ -7,15 +7,10 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from hdbench.estimation import (
-    amplitude_spectrum,
-    find_peaks,
-    fit_with_lines,
-    stretch_starts,
-    strongest_line,
-)
 from hdbench.estimation.harmonics import line_frequencies
-from hdbench.estimation.stretches import longest_steady, steady_runs
+from hdbench.estimation.search import fit_with_lines, strongest_line
+from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
+from hdbench.estimation.stretches import longest_steady, steady_runs, stretch_starts
 from hdbench.estimation.trend import SlowMotion, choose_trend
 
 DT = 0.001
@@ -122,7 +117,7 @@ def test_spectrum_reads_the_amplitude_and_the_noise_density() -> None:
     peaks = find_peaks(spectrum, 2.0 * np.pi * 49.7 / 2.0, {"2x": 2.0})
     assert [peak.name for peak in peaks] == ["2x"]
     # scalloping of a Hann window on a grid of a quarter bin: 1 %; noise 1 mN m
-    assert peaks[0].amplitude == pytest.approx(0.4, rel=0.02)
+    assert peaks[0].amplitude_nm == pytest.approx(0.4, rel=0.02)
     assert peaks[0].order == pytest.approx(2.0, abs=0.003)
     quiet = spectrum.frequency_hz > 100.0
     # sigma^2 dt 2; mean of 1600 independent bins: 2.5 %; four of them

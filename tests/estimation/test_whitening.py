@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 from statsmodels.regression.linear_model import burg
 
-from hdbench.estimation import fit_noise, run_positions, whiten
+from hdbench.estimation.regression import fit_noise, run_positions, whiten
 
 
 def coloured(seed: int, n: int, poles: tuple[float, ...]) -> np.ndarray:

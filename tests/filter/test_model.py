@@ -17,7 +17,7 @@ from hdbench.filter import (
     preset,
 )
 from hdbench.model.bench import BenchModel
-from hdbench.model.cause import CauseTerm
+from hdbench.model.definition import CauseTerm
 from hdbench.model.modelfile import model_dict
 
 BLOCK = OscillatorBlock(2.0, "ripple", 0.1)

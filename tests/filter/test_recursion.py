@@ -9,8 +9,8 @@ from kernel_models import filter_model
 from numpy.testing import assert_allclose, assert_array_equal
 
 from hdbench.filter import OnlineFilter, OscillatorBlock, preset
+from hdbench.filter.fallback import transitions
 from hdbench.filter.kalman import pack
-from hdbench.filter.transitions import transitions
 
 # the contract's orders and noise of the three presets, typed again here
 REPORT = {

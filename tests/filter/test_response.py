@@ -12,8 +12,7 @@ from tuning_traces import tuned_like
 
 from hdbench.errors import DataError
 from hdbench.filter import OnlineFilter, OscillatorBlock, preset
-from hdbench.filter.response import filter_response, inject
-from hdbench.filter.steady import _geometric_sum, steady_filter
+from hdbench.filter.response import _geometric_sum, filter_response, inject, steady_filter
 
 PERIOD = 1e-3
 

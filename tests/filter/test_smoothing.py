@@ -12,8 +12,7 @@ from tuning_traces import channels, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import SlowBlock
-from hdbench.filter.orders import order_map, order_spectrum
-from hdbench.filter.smoothing import motor_angle, smooth_channels
+from hdbench.filter.orders import motor_angle, order_map, order_spectrum, smooth_channels
 
 MODEL = filter_model(
     THREE_ORDERS,
@@ -95,7 +94,7 @@ def test_the_order_spectrum_shows_orders_at_their_amplitude_through_a_sweep(enco
     t, v, angle, y = turning(12.0, slow=0.0)
     y = y + 0.3 * np.cos(7.9 * angle)
     found = order_spectrum(channels(t, v, y, angle if encoder else None), y)
-    peaks = {round(p.order, 1): p.amplitude for p in found.peaks}
+    peaks = {round(p.order, 1): p.amplitude_nm for p in found.peaks}
     for order, amplitude in ((2.0, 1.2), (4.0, 0.6), (7.9, 0.3)):
         # scalloping of the padded Hann window 1 %, spline at the fastest speed another
         assert peaks[order] == pytest.approx(amplitude, rel=0.03)

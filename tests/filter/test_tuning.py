@@ -22,9 +22,6 @@ from hdbench.filter import (
     tune,
 )
 from hdbench.filter.response import filter_response
-from hdbench.filter.tuning import TuningSettings, check_innovations, settings_of
-from hdbench.filter.tuning.checks import ljung_box, nis_band
-from hdbench.filter.tuning.data import describe_motion
 from hdbench.filter.tuning.limits import (
     forget_beyond_the_data,
     leave_the_torque,
@@ -32,8 +29,9 @@ from hdbench.filter.tuning.limits import (
     slow_density,
     with_moving_offset,
 )
-from hdbench.filter.tuning.problem import score
-from hdbench.filter.tuning.result import Estimate
+from hdbench.filter.tuning.problem import describe_motion, score
+from hdbench.filter.tuning.result import Estimate, check_innovations, ljung_box, nis_band
+from hdbench.filter.tuning.run import TuningSettings, settings_of
 from hdbench.filter.tuning.search import curvature
 
 SETTINGS = TuningSettings(4.0, 40.0)

@@ -148,6 +148,14 @@ def test_a_remark_in_a_row_loses_neither_row_nor_names(tmp_path: Path) -> None:
     source.close()
 
 
+def test_a_row_of_units_may_end_before_the_names(tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("time,torque,a,b\nms,Ncm\n" + "1,2,3,4\n" * 9)
+    channels = open_source(file, Recipe().layout).channels
+    told = [("time", "ms"), ("torque", "Ncm"), ("a", ""), ("b", "")]
+    assert [(channel.name, channel.unit) for channel in channels] == told
+
+
 def test_a_unit_of_control_characters_is_spelled() -> None:
     (channel,) = told_apart(Path("x"), [Channel("torque", "Nm\0\n" + 90 * "x")])
     assert channel.unit.startswith(r"Nm\x00\nxx")

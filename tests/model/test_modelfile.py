@@ -22,7 +22,7 @@ def term_of(name: str, seed: int) -> CauseTerm:
     for parameter in cause.shape:
         low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
         shape[parameter.name] = float(rng.uniform(low, high))
-    linear = tuple(float(rng.uniform(max(p.lower, -1.0), 1.0)) for p in cause.linear)
+    linear = tuple(float(rng.uniform(max(p.lower, -1.0), min(p.upper, 1.0))) for p in cause.linear)
     n = len(linear) + len(shape)
     root = rng.normal(size=(n, n))
     covariance = tuple(tuple(row) for row in (root @ root.T).tolist())

@@ -6,7 +6,7 @@ import pytest
 from hdbench.errors import DataError, StorageError
 from hdbench.records import read_trace, write_trace
 from hdbench.records.journal import JournalWriter, read_journal, survey_samples
-from hdbench.records.journal import samples as module
+from hdbench.records.journal import counted as module
 from hdbench.records.storage import RESERVE_NAME, check_space, free_reserve, keep_reserve
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hdbench.errors import DataError
 from hdbench.records import Trace, read_trace, write_trace
-from hdbench.records.tables import numbers, tracefile
+from hdbench.records.tables import csvtext, tracefile
 
 GOOD = "time_s,torque_nm,motor_velocity_rad_s\n0.0,1.5,10\n0.001,2.5,11\n0.002,3.5,12\n"
 
@@ -231,9 +231,9 @@ def fast(request, monkeypatch):
     if request.param == "polars":
         pytest.importorskip("polars", reason="optional: pip install 'hdbench[fast]'")
     monkeypatch.setattr(
-        numbers, "_WORTH_IMPORTING", 1 if request.param == "polars" else float("inf")
+        csvtext, "_WORTH_IMPORTING", 1 if request.param == "polars" else float("inf")
     )
-    monkeypatch.setattr(numbers, "_CHUNK_BYTES", 200)
+    monkeypatch.setattr(csvtext, "_CHUNK_BYTES", 200)
 
 
 # halves between two doubles, the ends of the range, and forms that JSON does not know

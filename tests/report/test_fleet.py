@@ -89,6 +89,13 @@ def test_causes_by_frequency_and_a_thousand_drives_in_three_megabytes(tmp_path: 
     assert "<td>coulomb-friction</td><td>250</td><td>25.0% (22.3% to 27.8%)</td>" in page
 
 
+def test_results_of_a_kind_without_a_type_are_shown_too(tmp_path: Path):
+    for number in range(3):
+        run_of(tmp_path / f"r{number}", f"d{number}", "inspection", {"rest": {"rms_nm": 0.1}})
+    body = json.loads(write_fleet(fleet_runs([tmp_path]), tmp_path).json.read_text())
+    assert list(body["kinds"]) == ["inspection"]
+
+
 def test_few_drives_are_shown_and_not_judged_and_none_is_an_error(tmp_path: Path):
     run_of(tmp_path / "runs" / "a", "HD-1", "misalignment", misalignment(0.9))
     page = write_fleet(fleet_runs([tmp_path / "runs" / "a"]), tmp_path).html.read_text()

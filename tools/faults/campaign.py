@@ -1,16 +1,19 @@
 """The fault campaign: break what can be broken on one Linux computer, and print what happened.
 
-Usage: python tools/faults/campaign.py [--share 0.05] [--rows 1,2,4] [--write docs/reliability.md]
+Usage: python tools/faults/campaign.py [--share 0.05] [--rows 1,2,4] [--record rows.jsonl]
+       [--write docs/reliability.md]
 
 `--share 1` is the whole campaign: 300 signals, 200 kills, 50 freezes, and so on. Every row is
 printed as it ends: fault, trials, how many went as required, worst time until the motor stands,
-acknowledged samples lost. Exits 1 where a trial did not go as required.
+acknowledged samples lost. With `--record` it goes on where it was broken off, on the same version.
+Exits 1 where a trial did not go as required.
 """
 
 from __future__ import annotations
 
 import argparse
 import datetime
+import json
 import os
 import platform
 import subprocess
@@ -18,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -71,20 +75,48 @@ ALONE: tuple[tuple[str, int, Callable[[Path, int, int], Row]], ...] = (
 )
 
 
-def campaign(share: float, rows: set[str], seed: int, folder: Path) -> list[Row]:
-    """Run the rows asked for, `share` of their trials each, and print them as they end."""
-    done: list[Row] = []
-    asked = [entry for entry in ON_BENCH if not rows or entry[0] in rows]
-    if asked:
+def campaign(share: float, numbers: set[str], seed: int, folder: Path, record: Record) -> list[Row]:
+    """Run the rows asked for that are not recorded yet, `share` of their trials each."""
+    asked = {entry[0] for entry in (*ON_BENCH, *ALONE) if not numbers or entry[0] in numbers}
+    left = asked - {row.number for row in record.rows}
+    on_bench = [entry for entry in ON_BENCH if entry[0] in left]
+    if on_bench:
         profile = short_profile(folder)
         with served(folder, profile) as bench:
-            for _, trials, run in asked:
-                count = _n(trials, share)
-                done.append(_told(partial(run, folder, bench, profile, count, seed)))
+            for _, trials, run in on_bench:
+                record.keep(_told(partial(run, folder, bench, profile, _n(trials, share), seed)))
     for number, trials, alone in ALONE:
-        if not rows or number in rows:
-            done.append(_told(partial(alone, folder, _n(trials, share), seed)))
-    return sorted(done, key=lambda row: int(row.number))
+        if number in left:
+            record.keep(_told(partial(alone, folder, _n(trials, share), seed)))
+    found = [row for row in record.rows if row.number in asked]
+    return sorted(found, key=lambda row: int(row.number))
+
+
+class Record:
+    """Rows of one version in a file, a line each: a campaign that was broken off goes on there.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None keeps nothing.
+    version : str
+        What is tried; rows of other versions in the file are left alone.
+    """
+
+    def __init__(self, path: Path | None, version: str) -> None:
+        self.version = version
+        self.rows: list[Row] = []
+        self._path = path
+        if path is not None and path.exists():
+            lines = map(json.loads, path.read_text().splitlines())
+            self.rows = [Row(**line["row"]) for line in lines if line["version"] == version]
+
+    def keep(self, row: Row) -> None:
+        """Add a row."""
+        self.rows.append(row)
+        if self._path is not None:
+            with self._path.open("a") as file:
+                file.write(json.dumps({"version": self.version, "row": asdict(row)}) + "\n")
 
 
 def _n(trials: int, share: float) -> int:
@@ -100,40 +132,37 @@ def _told(run: Callable[[], Row]) -> Row:
     return row
 
 
-def _line(row: Row) -> str:
+def _line(row: Row, *more: str) -> str:
     stop = "-" if row.worst_stop_s is None else f"{row.worst_stop_s:.2f}"
     lost = "-" if row.lost is None else str(row.lost)
     notes = ", ".join(f"{key}: {value}" for key, value in row.notes.items())
-    return f"| {row.number} | {row.fault} | {row.trials} | {row.good} | {stop} | {lost} | {notes} |"
+    cells = (row.number, row.fault, *more, row.trials, row.good, stop, lost, notes)
+    return f"| {' | '.join(map(str, cells))} |"
 
 
-def table(rows: list[Row], share: float) -> str:
-    """Return the table with date, commit and computer."""
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    ).stdout.strip()
+def table(rows: list[Row], version: str) -> str:
+    """Return the table with date and computer; each row names its version."""
     today = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
-    head = (
-        f"{today}, commit {commit} and what was not yet committed, share {share:g} of the whole "
-        f"campaign, "
-        f"{platform.system()} {platform.release()}, {os.cpu_count()} cores shared with other work."
-    )
+    system = f"{platform.system()} {platform.release()}"
     return "\n".join(
         [
             BEGIN,
-            head,
+            f"{today}, {system}, {os.cpu_count()} cores shared with other work.",
             "",
-            "| fault | done | trials | as required | worst time to standstill, s | acknowledged "
-            "samples lost | counted |",
-            "|---|---|---|---|---|---|---|",
-            *map(_line, rows),
+            "| fault | done | version | trials | as required | worst time to standstill, s | "
+            "acknowledged samples lost | counted |",
+            "|---|---|---|---|---|---|---|---|",
+            *(_line(row, version) for row in rows),
             END,
         ]
     )
+
+
+def _version() -> str:
+    """Return the commit of this checkout, marked where something is not committed."""
+    words = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    told = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    return told.stdout.strip() or "unknown"
 
 
 def _write(path: Path, text: str) -> None:
@@ -152,13 +181,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--write", type=Path, help="page whose table is replaced")
     parser.add_argument("--keep", type=Path, help="folder for everything that the runs leave")
+    parser.add_argument("--record", type=Path, help="file of finished rows; those are not repeated")
+    parser.add_argument("--version", help="what is tried; the commit by default")
     asked = parser.parse_args()
     if asked.minutes is not None:
         os.environ["HDBENCH_FAULT_MINUTES"] = str(asked.minutes)
     rows = {word for word in asked.rows.split(",") if word}
     with tempfile.TemporaryDirectory(prefix="hdbench-faults-") as temporary:
-        found = campaign(asked.share, rows, asked.seed, asked.keep or Path(temporary))
-    text = table(found, asked.share)
+        record = Record(asked.record, asked.version or _version())
+        found = campaign(asked.share, rows, asked.seed, asked.keep or Path(temporary), record)
+    text = table(found, record.version)
     print(text)
     if asked.write:
         _write(asked.write, text)

@@ -27,7 +27,11 @@ if TYPE_CHECKING:
 _MOST_LINES = 10
 
 
-@declared("batch", "name inputs out resume workers scheduler retries memory", cls=BatchOptions)
+@declared(
+    "batch",
+    "name inputs stored out resume workers scheduler retries memory",
+    cls=BatchOptions,
+)
 def command(
     output: Output,
     /,
@@ -82,7 +86,7 @@ def _require() -> None:
     missing = [name for name in ("distributed", "pyarrow") if find_spec(name) is None]
     if missing:
         raise UsageError(
-            f"{' and '.join(missing)} not installed; needed to run over many inputs",
+            f"not installed: {', '.join(missing)}; needed to run over many inputs",
             where="hdbench batch",
             fix="pip install 'hdbench[batch]'",
         )
@@ -118,10 +122,8 @@ class _Run:
                 number = outcome.task["number"]
                 done = _lost(outcome.task, outcome.deaths) if outcome.lost else outcome.value
                 self._take(number, done)
-                each_s = (time.monotonic() - begin) / count
-                words = f"{count} of {len(todo)}, {each_s * (len(todo) - count):.0f} s left"
-                failures = f", {self.failed} failed" if self.failed else ""
-                show(words + failures, count / len(todo))
+                rate = count / (time.monotonic() - begin)
+                show(_progress(count, len(todo), rate, self.failed), count / len(todo))
 
     def _task(self, number: int) -> dict[str, Any] | None:
         """Return what a worker has to do; None where the result is there."""
@@ -180,6 +182,14 @@ class _Run:
     def write(self) -> None:
         """Write the table of the rows that there are."""
         self._folder.write_table(self.told())
+
+
+def _progress(count: int, total: int, rate: float, failed: int) -> str:
+    """Return how far a batch is; failures stand where a narrow terminal does not cut them."""
+    left_s = (total - count) / rate
+    left = f"{left_s:.0f} s" if left_s < 100.0 else f"{left_s / 60.0:.0f} min"
+    failures = f"{failed} failed, " if failed else ""
+    return f"{count}/{total}, {failures}{rate:.2g}/s, {left} left"
 
 
 def _lost(task: Mapping[str, Any], deaths: int) -> dict[str, Any]:

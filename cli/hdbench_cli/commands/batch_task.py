@@ -53,7 +53,6 @@ COMMANDS = {
     "tune": BatchCommand(writes=".json", kinds=_DYNAMIC),
     "regress": BatchCommand(whole=True),
 }
-_ACCEPTED = {True: "accepted", False: "not-accepted", None: "not-decided"}
 
 
 @dataclass(slots=True)
@@ -187,7 +186,9 @@ def _verdict(body: Mapping[str, Any], code: int) -> str:
     if "verdict" in body:
         return str(body["verdict"])
     if "accepted" in body:
-        return _ACCEPTED[body["accepted"]]
+        from hdbench.records.runindex import ACCEPTANCE
+
+        return ACCEPTANCE[body["accepted"]]
     return {0: "in-order", 3: "check-failed"}.get(code, "doubtful")
 
 

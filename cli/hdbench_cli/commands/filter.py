@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from hdbench.filter import FilteredBlock, FilterModel
     from hdbench.filter.comparison import Comparison
-    from hdbench.filter.smoothing import SmoothedTorque
+    from hdbench.filter.orders import SmoothedTorque
     from hdbench.profile import Profile
     from hdbench.records import Trace
     from hdbench.results import DataFlag
@@ -63,7 +63,7 @@ def _filtered(
 ) -> dict[str, Any]:
     """Filter one stored trace and write the result."""
     from hdbench.filter import filter_trace, filtered_columns
-    from hdbench.filter.smoothing import smooth_channels
+    from hdbench.filter.orders import smooth_channels
     from hdbench.records import result_header, write_trace
     from hdbench.session.filters import choose_filter, trace_channels
 
@@ -108,7 +108,7 @@ def _filtered(
 
 def tuned_on(item: Input, profile: Profile) -> FilterModel:
     """Tune the profile's orders on this very trace."""
-    from hdbench.filter.tuning import settings_of
+    from hdbench.filter.tuning.run import settings_of
     from hdbench.session.filters import choose_filter
     from hdbench_cli.commands.tune import tune_inputs
 
@@ -124,7 +124,7 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
     """
     import numpy as np
 
-    from hdbench.estimation import data_flags
+    from hdbench.estimation.stretches import data_flags
     from hdbench.filter.online import FLAG_BITS
     from hdbench.results import DataFlag
     from hdbench.session.evaluation import channel_refusal

@@ -17,7 +17,7 @@ from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
-    from hdbench.calibration.staircase import StaircaseReport
+    from hdbench.calibration.staircase.importing import StaircaseReport
     from hdbench.importing.importer import ImportReport
     from hdbench.importing.listing import ChannelFacts
     from hdbench.importing.proposal import Proposal
@@ -249,7 +249,7 @@ def _staircase(
     profile: Profile,
 ) -> None:
     """Bring in raw readings under changing weights, and tell what was found."""
-    from hdbench.calibration.staircase import StaircasePlan, import_staircase
+    from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
     from hdbench.importing.mapping import parse_constant, parse_map
     from hdbench.importing.recipe import known_columns
     from hdbench.records import result_header

@@ -62,8 +62,7 @@ def _orders(
     **scaling: Any,
 ) -> dict[str, Any]:
     """Return the result of one input, and write its files."""
-    from hdbench.filter.orders import order_map, order_spectrum
-    from hdbench.filter.smoothing import smooth_channels
+    from hdbench.filter.orders import order_map, order_spectrum, smooth_channels
     from hdbench.records import Trace, result_header, write_trace
     from hdbench.session.filters import choose_filter, trace_channels
 
@@ -111,7 +110,7 @@ def _spectrum(spectrum: OrderSpectrum) -> dict[str, Any]:
     return {
         "stretch": {"from_s": spectrum.from_s, "to_s": spectrum.to_s, "turns": spectrum.turns},
         "motor_velocity_rad_s": {"min": least, "mean": mean, "max": most},
-        "peaks": [peak.to_dict() for peak in spectrum.peaks],
+        "peaks": [peak.to_json() for peak in spectrum.peaks],
         "spectrum": {
             "order": spectrum.order.tolist(),
             "amplitude_nm": spectrum.amplitude_nm.tolist(),

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from hdbench.filter import FilterModel
-    from hdbench.filter.tuning import TuningResult, TuningSettings
+    from hdbench.filter.tuning.result import TuningResult
+    from hdbench.filter.tuning.run import TuningSettings
     from hdbench.profile import Profile
     from hdbench_cli.inputs import Input
 
@@ -96,7 +97,7 @@ def command(
     slow torque, measurement noise. The result is a model file for --model.
     """
     from hdbench.filter import kernel_name, kernel_reason
-    from hdbench.filter.tuning import settings_of
+    from hdbench.filter.tuning.run import settings_of
     from hdbench.records import result_header, write_json
     from hdbench.session.filters import choose_filter
 

@@ -30,7 +30,8 @@ def progress_bar(title: str) -> Iterator[Callable[[str, float], None]]:
     task = bar.add_task("", total=1.0, title=title)
 
     def show(what: str, share: float) -> None:
-        room = max(10, console.width - 60)
+        # bar, share, elapsed time and gaps take 41 columns
+        room = max(10, console.width - 41 - len(title))
         with suppress(OSError):
             bar.update(task, completed=share, description=Text(what).plain[:room])
 

@@ -105,7 +105,6 @@ def _known(fit: Fit) -> list[Any]:
 def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> list[NamedCause]:
     """Return faults of the acquisition as named causes, with what taking them out gains."""
     held = {term.name for term in findings.given.causes}
-    record = told.fit.record
     after = told.before.rms_nm
     out = []
     for fault in faults:
@@ -116,7 +115,7 @@ def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> lis
             before = _with_masked(told.fit, fault.masked, after)
         before = max(before, after)
         fraction = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
-        share = fault.samples / len(record) if fault.name == "speed-dependent-noise" else fraction
+        share = fraction if fault.share is None else fault.share
         gain = Gain(before, after, fraction, (fraction, fraction))
         experiment = findings.causes[fault.name].experiment
         out.append(

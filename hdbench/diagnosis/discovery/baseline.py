@@ -10,7 +10,7 @@ import numpy as np
 
 from hdbench.errors import UsageError
 from hdbench.model import Motion
-from hdbench.model.baseline import expected_torque_nm
+from hdbench.model.bench import expected_torque_nm
 from hdbench.records.trace import FloatArray
 
 _REMOVABLE = ("misalignment", "load", "expected-torque")

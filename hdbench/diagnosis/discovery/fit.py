@@ -69,6 +69,12 @@ class Part:
         Standard deviation of the form error relative to the part's own size; 0 without one.
     form_size_nm : float
         Size of the part for which the rows of its form error were made; 0 where none are.
+    false_alarm : float
+        Probability of such a look on this record without an effect, when it was accepted.
+    trials : float
+        Places that were tried then.
+    cost_nats : float
+        What its parameters, shape and place cost then.
     """
 
     name: str
@@ -76,6 +82,9 @@ class Part:
     scale: FloatArray
     form_scale: float = 0.0
     form_size_nm: float = 0.0
+    false_alarm: float = 1.0
+    trials: float = 1.0
+    cost_nats: float = 0.0
 
     @property
     def moving(self) -> bool:

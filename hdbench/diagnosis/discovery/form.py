@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -293,8 +293,10 @@ class FormMove:
     needless: tuple[int, ...] = ()
 
 
-def best_form_move(fit: Fit, paid: Mapping[int, float]) -> FormMove | None:
+def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | None:
     """Return the change of form errors that gains most; None where there are none.
+
+    Only those of `parts` where these are given, and then all causes stay.
 
     Notes
     -----
@@ -310,12 +312,14 @@ def best_form_move(fit: Fit, paid: Mapping[int, float]) -> FormMove | None:
             fit.parts[index].form_scale = scale
         active = fit.active & ~np.isin(fit.owner, needless)
         tried = moments.with_penalty(fit.penalty).without(~active)
-        cost = form_cost(fit) - sum(paid[part] for part in needless)
+        cost = form_cost(fit) - sum(fit.parts[part].cost_nats for part in needless)
         for index in scales:
             fit.parts[index].form_scale = present[index]
         return solve(tried, fit.shapes, fit.spectrum, rounds=rounds).likelihood - cost
 
     held = sorted(set(fit.owner[fit.form].tolist()))
+    if parts is not None:
+        held = [part for part in held if part in parts]
     moves = [{index: scale} for index in held for scale in _neighbours(present[index])]
     lines = [i for i in held if usual_scale(fit.parts[i]) == 0.0 and fit.parts[i].name != FIXED]
     if len(lines) > 1:
@@ -325,8 +329,8 @@ def best_form_move(fit: Fit, paid: Mapping[int, float]) -> FormMove | None:
     base = value({})
     moves.sort(key=lambda scales: -value(scales, rounds=0))
     tried = [FormMove(value(scales) - base, scales) for scales in moves[:_WITHOUT]]
-    for move in tuple(tried):
-        satellites = _spanned(fit, moments, tuple(move.scales), paid)
+    for move in tuple(tried) if parts is None else ():
+        satellites = _spanned(fit, moments, tuple(move.scales), fit.causes())
         for count in range(1, len(satellites) + 1):
             gain = value(move.scales, satellites[:count]) - base
             tried.append(FormMove(gain, move.scales, tuple(satellites[:count])))

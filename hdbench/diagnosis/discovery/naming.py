@@ -64,7 +64,7 @@ def name_causes(search: Search) -> dict[int, Named]:
                 f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
                 f"{better.evidence_nats:.1f}"
             )
-            search.replace_term(part, better, search.accepted.get(id(held)))
+            search.replace_term(part, better)
             renamed = True
         elif not renamed:
             named[part] = _named(fit.beside(part), table)
@@ -80,9 +80,7 @@ def _table(search: Search, part: int) -> list[Candidate]:
     term = fit.term(part)
     beside = search.beside_names(part)
     base = settled(beside, fit)
-    accepted = search.accepted.get(id(fit.parts[part]))
-    trials = accepted.trials if accepted else 1.0
-    own = candidate_of(beside, fit.record, term, trials, 0.0)
+    own = candidate_of(beside, fit.record, term, fit.parts[part].trials, 0.0)
     own = weighed(beside, fit.record, own, fit.shapes, base)
     if is_table(term.cause):
         return [own]

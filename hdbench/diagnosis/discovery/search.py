@@ -17,10 +17,11 @@ from hdbench.diagnosis.discovery.form import (
     best_form_move,
     form_cost,
     joined,
+    usual_scale,
 )
 from hdbench.diagnosis.discovery.lines import Scan, plan_scans, scan_looks, scan_power, step_look
 from hdbench.diagnosis.discovery.modulated import modulated_looks
-from hdbench.diagnosis.discovery.moments import solve, solve_best
+from hdbench.diagnosis.discovery.moments import Moments, solve, solve_best
 from hdbench.diagnosis.discovery.record import SAMPLED, Record, with_simulated
 from hdbench.diagnosis.discovery.refine import (
     Candidate,
@@ -84,28 +85,6 @@ _LEAST_NATS = 1.0
 
 
 @dataclass(slots=True)
-class Accepted:
-    """What is known of an accepted part.
-
-    Parameters
-    ----------
-    false_alarm : float
-        Probability of such a look on this record without an effect.
-    trials : float
-        Places that were tried.
-    evidence_nats : float
-        Evidence when it was accepted.
-    cost_nats : float
-        What its parameters, shape and place cost then.
-    """
-
-    false_alarm: float
-    trials: float
-    evidence_nats: float
-    cost_nats: float = 0.0
-
-
-@dataclass(slots=True)
 class Search:
     """State of a search.
 
@@ -123,8 +102,6 @@ class Search:
         Probability of any finding without an effect.
     catalogue : mapping of str to Cause
         All causes by name, those that are no torque among them.
-    accepted : dict
-        What is known of each cause of the fit, by the identity of its part.
     """
 
     fit: Fit
@@ -134,7 +111,6 @@ class Search:
     causes: Mapping[str, Cause]
     alpha: float
     catalogue: Mapping[str, Cause]
-    accepted: dict[int, Accepted] = field(default_factory=dict)
     dropped: dict[str, int] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
     first: dict[str, FloatArray] = field(default_factory=dict)
@@ -275,7 +251,8 @@ class Search:
             new, terms = self.best_joined(self.fit, tuple(c.term for c in entry))
             if not all_possible(new, len(terms)):
                 continue
-            more = max(value_of(new) - base - entry[0].gain_nats, 0.0)
+            saved = self._relieved(new, len(terms))
+            more = max(value_of(new) + saved - base - entry[0].gain_nats, 0.0)
             better = replace(
                 entry[0],
                 gain_nats=entry[0].gain_nats + more,
@@ -286,12 +263,31 @@ class Search:
             out.append(tuple(replace(c, term=t) for c, t in zip(found, terms, strict=True)))
         return out
 
+    def _relieved(self, new: Fit, last: int) -> float:
+        """Take out of a fit the causes that its last ones make needless; return what they cost."""
+        saved = 0.0
+        while True:
+            earlier = [part for part in new.causes() if part < len(new.parts) - last]
+            moments = new.all_moments()
+
+            def worth(part: int, moments: Moments = moments) -> float:
+                kept = new.active & (new.owner != part)
+                lesser = solve(moments.without(~kept), new.shapes, new.spectrum, rounds=1)
+                return new.likelihood - lesser.likelihood - new.parts[part].cost_nats
+
+            least, part = min(((worth(p), p) for p in earlier), default=(0.0, 0))
+            if least >= 0.0:
+                return saved
+            saved += new.parts[part].cost_nats
+            new.remove(part)
+            new.settle(2)
+
     def best_joined(self, fit: Fit, terms: tuple[Term, ...]) -> tuple[Fit, tuple[Term, ...]]:
         """Return a fit with further terms, their form errors and their shapes refined in it."""
-        new = joined(fit, terms)
+        new = _best_formed(joined(fit, terms), len(terms))
         again = self._reshaped(new, terms)
         if again != terms:
-            other = joined(fit, again)
+            other = _best_formed(joined(fit, again), len(terms))
             if value_of(other) > value_of(new):
                 return other, again
         return new, terms
@@ -374,27 +370,14 @@ class Search:
                 old.add_term(found.term)
             old.settle(3)
         else:
-            known = {
-                id(b): self.accepted.get(id(a)) for a, b in zip(old.parts, new.parts, strict=False)
-            }
-            self.accepted = {key: value for key, value in known.items() if value is not None}
             self.fit = new
         for found, part in zip(entry, self.fit.parts[-len(entry) :], strict=True):
-            self.accepted[id(part)] = Accepted(
-                found.false_alarm,
-                found.trials,
-                found.evidence_nats,
-                (entry[0].gain_nats - entry[0].evidence_nats) / len(entry),
-            )
+            part.false_alarm, part.trials = found.false_alarm, found.trials
+            part.cost_nats = (entry[0].gain_nats - entry[0].evidence_nats) / len(entry)
             self.log.append(
                 f"+ {found.name} {_short(found.term)} E={found.evidence_nats:.0f}"
                 f" T={found.statistic:.0f}"
             )
-
-    def paid(self) -> dict[int, float]:
-        """Return what each cause of the fit cost when it was accepted, nats."""
-        every = {part: self.accepted.get(id(self.fit.parts[part])) for part in self.fit.causes()}
-        return {part: known.cost_nats for part, known in every.items() if known is not None}
 
     def change_form(self, move: FormMove) -> None:
         """Take over a change of form errors, without the causes that it makes needless."""
@@ -409,15 +392,13 @@ class Search:
             fit.remove(index)
         fit.settle(3)
 
-    def replace_term(self, part: int, better: Candidate, accepted: Accepted | None) -> None:
+    def replace_term(self, part: int, better: Candidate) -> None:
         """Put another name in the place of a cause."""
         fit = self.fit
+        old = fit.parts[part]
         fit.remove(part)
-        new = fit.add_term(better.term)
-        kept = accepted or Accepted(better.false_alarm, better.trials, better.evidence_nats)
-        self.accepted[id(fit.parts[new])] = replace(
-            kept, trials=better.trials, evidence_nats=better.evidence_nats
-        )
+        new = fit.parts[fit.add_term(better.term)]
+        new.false_alarm, new.trials, new.cost_nats = old.false_alarm, better.trials, old.cost_nats
         fit.settle(3)
         attach_forms(fit)
 
@@ -472,6 +453,25 @@ class Search:
             fit.remove(worst)
             fit.settle(3)
 
+    def drop_needless(self) -> bool:
+        """Drop causes that others at shapes of their own can stand for; return whether any went."""
+        before = len(self.fit.causes())
+        for held in [self.fit.parts[part] for part in self.fit.causes()]:
+            fit, part = self.fit, self.fit.parts.index(held)
+            without = fit.copy()
+            without.remove(part)
+            without.settle(2)
+            self.fit = without
+            self.reshape_all()
+            attach_forms(without)
+            lost = value_of(fit) - value_of(_best_formed(without, len(without.parts)))
+            if lost > held.cost_nats:
+                self.fit = fit
+            else:
+                self.log.append(f"- {held.name} lost {lost:.1f} cost {held.cost_nats:.1f}")
+                self.dropped[held.name] = self.dropped.get(held.name, 0) + 1
+        return len(self.fit.causes()) < before
+
     def beside_names(self, part: int) -> Beside:
         """Return the fit beside a part; beside a name, without tables, which could take it in."""
         parts = self.fit.parts
@@ -484,10 +484,22 @@ class Search:
         term = fit.term(part)
         beside = self.beside_names(part)
         base = settled(beside, fit)
-        kept = self.accepted.get(id(fit.parts[part]))
-        trials = kept.trials if kept else 1.0
-        start = candidate_of(beside, fit.record, term, trials, 0.0)
+        start = candidate_of(beside, fit.record, term, fit.parts[part].trials, 0.0)
         return weighed(beside, fit.record, start, fit.shapes, base).evidence_nats
+
+
+def _best_formed(fit: Fit, last: int) -> Fit:
+    """Return a fit whose last causes, laws among them, have the likeliest form errors."""
+    places = range(len(fit.parts) - last, len(fit.parts))
+    laws = [part for part in places if usual_scale(fit.parts[part]) > 0.0]
+    for _ in laws:
+        move = best_form_move(fit, laws)
+        if move is None or move.gain_nats < _LEAST_NATS:
+            break
+        for part, scale in move.scales.items():
+            fit.parts[part].form_scale = scale
+        fit.settle(2)
+    return fit
 
 
 def all_possible(fit: Fit, last: int) -> bool:
@@ -558,6 +570,9 @@ def pair_of(
     k = len(one.rows)
     one = replace(one, linear=joint.linear[:k])
     other = replace(other, linear=joint.linear[k:])
+    parameters = (*one.term.cause.linear, *other.term.cause.linear)
+    if not all(p.contains(float(x)) for p, x in zip(parameters, joint.linear, strict=True)):
+        gain = 0.0
     evidence = log_evidence(2.0 * max(gain, 0.0), len(rows))
     evidence -= price(beside, fit.record, one) + price(beside, fit.record, other)
     return (
@@ -737,7 +752,7 @@ def search_from(
     for count in range(_MOST_ROUNDS):
         report("searching", 0.35 + 0.5 * (1.0 - 0.8**count))
         found = state.round()
-        form = best_form_move(fit, state.paid())
+        form = best_form_move(fit)
         evidence = sum(c.evidence_nats for c in found)
         if state.accept_slow(max(evidence, form.gain_nats if form else 0.0)):
             continue
@@ -745,7 +760,7 @@ def search_from(
         if form is not None and form.gain_nats > least:
             for _ in range(_FORM_MOVES):
                 state.change_form(form)
-                form = best_form_move(fit, state.paid())
+                form = best_form_move(fit)
                 if form is None or form.gain_nats < least:
                     break
         elif found:
@@ -754,8 +769,9 @@ def search_from(
             fit = state.fit
             small = small + 1 if state.explained(before) < least_share else 0
             if small > _SMALL:
+                state.drop_needless()
                 break
-        else:
+        elif not state.drop_needless():
             break
         state.reshape_all()
         state.straighten()

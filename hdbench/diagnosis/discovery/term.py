@@ -73,8 +73,8 @@ def is_line(cause: Cause) -> bool:
 
 
 def follows_motion(cause: Cause) -> bool:
-    """Return whether a cause follows speed, acceleration or load."""
-    return cause.locked_to in ("velocity", "acceleration", "load")
+    """Return whether a cause follows speed, acceleration, load or the current that moves them."""
+    return cause.locked_to in ("velocity", "acceleration", "load", "current")
 
 
 def same_torque(one: Cause, other: Cause) -> bool:

@@ -357,8 +357,7 @@ def tell_together(
     kept: set[int] = {i for i, part in enumerate(fit.parts) if part.term and part.term.known}
     for index in fit.causes():
         term = fit.term(index)
-        accepted = search.accepted.get(id(fit.parts[index]))
-        chance = accepted.false_alarm if accepted else 1.0
+        chance = fit.parts[index].false_alarm
         if is_table(term.cause):
             places.append(place_of(fit, index, shares[index], chance))
             continue

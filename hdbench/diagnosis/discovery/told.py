@@ -113,8 +113,7 @@ def tell(
         if term.known:
             continue
         one = named[index]
-        accepted = search.accepted.get(id(part))
-        chance = accepted.false_alarm if accepted else 1.0
+        chance = part.false_alarm
         if is_table(term.cause):
             places.append(place_of(fit, index, shares[index], chance))
             continue

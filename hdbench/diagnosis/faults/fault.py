@@ -29,6 +29,7 @@ class Fault:
     undone: Trace | None = None  # the trace with every fault taken out but this one
     masked: NDArray[np.bool_] | None = None  # samples that are left out for it
     domain: str = "time"  # axis on which it is plainest
+    share: float | None = None  # of the noise's variance, where that is what it changes
 
     def flag(self) -> StretchFlag:
         """Return its samples as a flag."""

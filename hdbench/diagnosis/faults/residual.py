@@ -60,14 +60,12 @@ def faults_of_residual(
     torque_nm: FloatArray,
     profile: ProfileData,
     *,
-    alpha: float,
     volts: bool,
 ) -> ResidualFaults:
     """Return the faults of the acquisition that a residual shows.
 
     `whitened_residual` is None before the noise is known: then only spikes and coarse steps are
-    looked for. `alpha` is the false-alarm rate of the law of the noise; `volts` says whether the
-    torque is the converter's own reading times the gain.
+    looked for. `volts` says whether the torque is the converter's own reading times the gain.
     """
     spikes = find_outliers(residual_nm, valid, torque_nm, whitened_residual)
     faults = [_spiky(spikes, residual_nm, valid, motion.time_s)] if spikes.any() else []
@@ -82,7 +80,7 @@ def faults_of_residual(
     # readings of a coarse converter are rough where they cross levels fast
     if whitened_residual is None or coarse is not None:
         return ResidualFaults(tuple(faults), spikes, None)
-    law, rough = _speed_noise(residual_nm, whitened_residual, kept, motion, alpha)
+    law, rough = _speed_noise(residual_nm, whitened_residual, kept, motion)
     return ResidualFaults((*faults, *rough), spikes, law)
 
 
@@ -129,12 +127,11 @@ def _speed_noise(
     whitened: FloatArray,
     used: NDArray[np.bool_],
     motion: Motion,
-    alpha: float,
 ) -> tuple[SpeedNoise | None, tuple[Fault, ...]]:
     """Return the law of noise that grows with the square of the speed, if there is one.
 
-    By greatest likelihood for normal noise (Fisher scoring). None where the variance does not grow
-    as surely as alpha asks, or where a variance that changes with time alone is likelier.
+    By greatest likelihood for normal noise (Fisher scoring). None where the variance does not
+    surely grow, or where a variance that changes with time alone is likelier.
     """
     left, rows = _innovations(whitened, used & np.isfinite(motion.velocity_rad_s))
     speed = motion.velocity_rad_s**2
@@ -163,7 +160,7 @@ def _speed_noise(
     # squares of normal values have a variance of 2, those of the bulk less
     gain, by_time = (one * 2.0 / float(np.var(squares[bulk])) for one in (gain, by_time))
     chance, nats = float(ndtr(-np.sqrt(2.0 * max(gain, 0.0)))), paid_nats(gain, 1, len(bulk))
-    if chance > alpha or nats < max(0.0, paid_nats(by_time, _BLOCKS - 1, len(bulk))):
+    if nats < max(ACCEPT_NATS, paid_nats(by_time, _BLOCKS - 1, len(bulk))):
         return None, ()
     law = SpeedNoise(float(values[0]), float(values[1] / pace.max()))
     power = float(np.mean(residual_nm[used] ** 2))
@@ -179,4 +176,5 @@ def _speed_noise(
         "speed-dependent-noise", parameters, times, nats, shape=shape, domain="variance"
     )
     # it is looked for in one place only: the test of its slope says how sure it is
-    return law, (replace(fault, false_alarm_probability=chance),)
+    share = law.slope * float(np.mean(speed[used]))
+    return law, (replace(fault, false_alarm_probability=chance, share=share),)

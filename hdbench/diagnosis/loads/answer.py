@@ -16,7 +16,7 @@ from hdbench.diagnosis.loads.gains import GainScatter
 from hdbench.diagnosis.loads.search import Accepted, Look
 from hdbench.diagnosis.loads.table import LoadTable, left_out
 from hdbench.model import BenchModel, CauseTerm, catalogue, cause_parameters
-from hdbench.model.harmonics import quadratures
+from hdbench.model.definition import quadratures
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import (

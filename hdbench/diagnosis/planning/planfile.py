@@ -10,9 +10,8 @@ from typing import Any
 
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import DataError
-from hdbench.profile.loader import read_toml
-from hdbench.profile.problems import key_text
-from hdbench.profile.toml_text import Key, key_lines
+from hdbench.profile.loader import key_text
+from hdbench.profile.toml_text import Key, key_lines, read_toml
 from hdbench.records.jsonfile import dumps, read_json
 from hdbench.records.storage import file_bytes, write_atomic
 

@@ -332,18 +332,22 @@ hdb_status hdb_filter_smooth(const hdb_model *model, size_t n, const hdb_samples
     const size_t state_size = (size_t)HDB_STATE_SIZE(nb);
     double *const records = scratch + (n / SEGMENT + 1) * state_size;
     double *const steps = records + SEGMENT * (size_t)record_size(nb);
+    double state[HDB_STATE_SIZE(HDB_MAX_BLOCKS)] = {0}, unread[6][SEGMENT], sums[3];
+    uint8_t flag[SEGMENT];
     hdb_state s;
     adjoint a;
-    memset(scratch, 0, state_size * sizeof *scratch);
-    const hdb_status status = check_time(scratch, n, in->time, bad);
+    const hdb_status status = check_time(state, n, in->time, bad);
     if (status != HDB_OK)
         return status;
-    hdb_smooth_load(nb, &s, scratch, 0);
     memset(&a, 0, sizeof a);
-    for (size_t from = 0; from < n; from += 64) {
-        if (from % SEGMENT == 0)
-            hdb_smooth_store(nb, &s, scratch + from / SEGMENT * state_size, 0);
-        forward(model, &s, n - from < 64 ? (int)(n - from) : 64, in, from, expected, NULL, NULL);
+    for (size_t from = 0; from < n; from += SEGMENT) {
+        const hdb_samples part = {in->time + from, in->velocity + from, in->torque + from,
+                                  in->angle == NULL ? NULL : in->angle + from};
+        const hdb_outputs out = {expected + from, unread[0], unread[1], unread[2], unread[3],
+                                 unread[4], unread[5], flag};
+        memcpy(scratch + from / SEGMENT * state_size, state, state_size * sizeof *state);
+        (void)hdb_filter_run(model, state, n - from < SEGMENT ? n - from : SEGMENT, &part, &out,
+                             sums, bad);
     }
     for (size_t segment = (n + SEGMENT - 1) / SEGMENT; segment-- > 0;) {
         const size_t start = segment * SEGMENT, end = n - start < SEGMENT ? n : start + SEGMENT;

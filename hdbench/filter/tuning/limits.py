@@ -10,10 +10,9 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.filter.model import FilterModel, OscillatorBlock, SlowBlock
-from hdbench.filter.steady import transfer_at_steady_speed
-from hdbench.filter.tuning.checks import Consistency
-from hdbench.filter.tuning.data import OUTPUT_ORDER, Motion
-from hdbench.filter.tuning.result import Estimate
+from hdbench.filter.response import transfer_at_steady_speed
+from hdbench.filter.tuning.problem import OUTPUT_ORDER, Motion
+from hdbench.filter.tuning.result import Consistency, Estimate
 
 _TURNS = 2.0  # least turns of a block's own order that tell its wander from a constant or a ramp
 _STEADY = 0.02  # spread of speed below which an order and a tone have one frequency

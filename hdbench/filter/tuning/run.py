@@ -12,17 +12,7 @@ from numpy.typing import NDArray
 
 from hdbench.filter.kalman import GATE_SAMPLES, GATED
 from hdbench.filter.model import FilterModel, SlowKind
-from hdbench.filter.online import SCREEN_STATES, screen_torque
-from hdbench.filter.traces import Channels, run_channels
-from hdbench.filter.tuning.checks import check_innovations
-from hdbench.filter.tuning.data import (
-    Motion,
-    check_records,
-    describe_motion,
-    noise_guess_nm2,
-    preview,
-    stuck_after,
-)
+from hdbench.filter.online import SCREEN_STATES, Channels, run_channels, screen_torque
 from hdbench.filter.tuning.limits import (
     forget_beyond_the_data,
     leave_the_torque,
@@ -30,8 +20,20 @@ from hdbench.filter.tuning.limits import (
     refusal,
     with_moving_offset,
 )
-from hdbench.filter.tuning.problem import Problem, build_problem, relative_model, scaled, score
-from hdbench.filter.tuning.result import CandidateResult, TuningResult
+from hdbench.filter.tuning.problem import (
+    Motion,
+    Problem,
+    build_problem,
+    check_records,
+    describe_motion,
+    noise_guess_nm2,
+    preview,
+    relative_model,
+    scaled,
+    score,
+    stuck_after,
+)
+from hdbench.filter.tuning.result import CandidateResult, TuningResult, check_innovations
 from hdbench.filter.tuning.search import estimate_all, maximise
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray

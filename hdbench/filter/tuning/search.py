@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hdbench.filter.traces import Channels
+from hdbench.filter.online import Channels
 from hdbench.filter.tuning.problem import Parameter, Problem, score
 from hdbench.filter.tuning.result import Estimate, Optimum, Start
 from hdbench.records import FloatArray

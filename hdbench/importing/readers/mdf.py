@@ -73,19 +73,19 @@ class _MdfSource(Source):
 
     def _read(self, name: str, start: int, count: int) -> Any:
         number, index, coded = self._places[name]
-        signal = self._file.get(
+        samples, invalid = self._file.get(
             group=number,
             index=index,
             record_offset=start,
             record_count=count,
             ignore_invalidation_bits=False,
+            samples_only=True,
             raw=coded,
         )
-        values = np.asarray(signal.samples)
+        values = np.asarray(samples)
         found = numbers(values) if values.ndim == 1 else None
         if found is None:
             return text_cells(["nan"] * len(values))
-        invalid = getattr(signal, "invalidation_bits", None)
         if invalid is not None and np.any(invalid):
             found = np.where(np.asarray(invalid), np.nan, found)
         return found
@@ -103,7 +103,8 @@ def open_file(path: Path) -> Source:
             where=str(path),
             fix="copy the file again",
         )
-    file = asammdf.MDF(path)
+    # by its path the library would read a channel whole for each piece of it
+    file = asammdf.MDF(path.open("rb"))
     try:
         return _MdfSource(path, file)
     except BaseException:

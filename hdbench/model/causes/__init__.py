@@ -12,11 +12,9 @@ from typing import Any
 from hdbench.model.causes import (
     acquisition,
     dynamics,
-    friction,
     kinematic,
     periodic,
     sensor,
-    slow,
 )
 from hdbench.model.definition import Cause, Parameter
 
@@ -24,7 +22,7 @@ __all__ = ["ALL_CAUSES", "CAUSE_GROUPS"]
 
 _COMPUTED = {
     name: computed
-    for module in (periodic, kinematic, friction, sensor, dynamics, slow, acquisition)
+    for module in (periodic, kinematic, sensor, dynamics, acquisition)
     for name, computed in module.COMPUTED.items()
 }
 

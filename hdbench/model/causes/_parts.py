@@ -1,4 +1,4 @@
-"""Parts that several causes share: columns, parameters, and the functions of a cause."""
+"""Columns, parameters and conditions that several causes share."""
 
 from __future__ import annotations
 
@@ -10,6 +10,189 @@ import numpy as np
 from hdbench.model.definition import Parameter, always, unbounded
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
+
+# below this the motor counts as standing: three ADC steps of a tacho with 562 rad/s full range
+STANDING_RAD_S = 0.5
+# an acceleration that never leaves its own noise by this much cannot carry a torque: the largest
+# of a million normal samples lies near 5 standard deviations
+_ABOVE_NOISE = 6.0
+# noise of the acceleration is in the expected torque, hence with a minus in the residual: it looks
+# like a gain of minus its share of the mean square, 1 % here
+_RMS_ABOVE_NOISE = 10.0
+# a tenth of this expected torque is 50 mN m, the noise of one sample on the bench of the report:
+# below it no share of the torque that any drive has can be seen
+_INERTIAL_NM = 0.5
+
+Applicable = Callable[[Motion], str | None]
+
+
+def all_of(*conditions: Applicable) -> Applicable:
+    """Return the condition whose reason is the first one that any of `conditions` gives."""
+
+    def check(motion: Motion) -> str | None:
+        return next((reason for c in conditions if (reason := c(motion)) is not None), None)
+
+    return check
+
+
+def _turns(angle_rad: FloatArray, motion: Motion) -> float:
+    """Return the span of an angle over the valid samples, turns."""
+    return float(np.ptp(angle_rad[motion.valid])) / (2.0 * np.pi) if motion.valid.any() else 0.0
+
+
+def motor_turns(needed: float) -> Applicable:
+    """Return the condition that the wave generator covers `needed` turns."""
+
+    def check(motion: Motion) -> str | None:
+        turns = _turns(motion.angle_rad, motion)
+        if turns >= needed:
+            return None
+        return f"the wave generator covers {turns:.3g} turns; needed: {needed:.3g}"
+
+    return check
+
+
+def output_turns(needed: float) -> Applicable:
+    """Return the condition that the output covers `needed` turns."""
+
+    def check(motion: Motion) -> str | None:
+        turns = _turns(motion.output_angle_rad, motion)
+        if turns >= needed:
+            return None
+        return f"the output covers {turns:.3g} turns; needed: {needed:.3g}"
+
+    return check
+
+
+def has_load(motion: Motion) -> str | None:
+    """Return why a cause that needs a known load torque does not apply, or None."""
+    if motion.load_torque_nm is None:
+        return "the record has no load_torque_nm; needed: a known load on the output, N m"
+    known = motion.load_torque_nm[motion.valid & np.isfinite(motion.load_torque_nm)]
+    if len(known) == 0 or not float(np.abs(known).max()) > 0.0:
+        return "load_torque_nm is zero throughout; needed: a load on the output, N m"
+    return None
+
+
+def moves_and_reverses(motion: Motion) -> str | None:
+    """Return why dry friction cannot be told from the zero here, or None."""
+    velocity = motion.velocity_rad_s[motion.valid]
+    states = (velocity > STANDING_RAD_S, velocity < -STANDING_RAD_S)
+    standing = ~(states[0] | states[1])
+    seen = sum(bool(state.any()) for state in (*states, standing))
+    if seen >= 2:
+        return None
+    return (
+        f"the motor keeps one direction (or stands) throughout, within {STANDING_RAD_S} rad/s; "
+        "needed: a reversal, or rest and motion"
+    )
+
+
+def reverses(motion: Motion) -> str | None:
+    """Return why nothing can differ between the directions here, or None."""
+    velocity = motion.velocity_rad_s[motion.valid]
+    if bool((velocity > STANDING_RAD_S).any()) and bool((velocity < -STANDING_RAD_S).any()):
+        return None
+    return "the motor turns in one direction alone; needed: a reversal"
+
+
+def accelerates(motion: Motion) -> str | None:
+    """Return why the acceleration carries no torque that could be told from its noise, or None."""
+    largest = _largest(motion.acceleration_rad_s2, motion)
+    if largest > _ABOVE_NOISE * motion.acceleration_noise_rad_s2:
+        return None
+    return (
+        f"the acceleration stays within {largest:.3g} rad/s^2 at a noise of "
+        f"{motion.acceleration_noise_rad_s2:.3g} rad/s^2; needed: a speed that changes faster"
+    )
+
+
+def known_torque(motion: Motion) -> str | None:
+    """Return why no torque through the flexspline is known here, or None."""
+    reason = has_load(motion)
+    acceleration = motion.acceleration_rad_s2[motion.valid]
+    size = float(np.sqrt(np.mean(acceleration**2))) if len(acceleration) else 0.0
+    moved = size > _RMS_ABOVE_NOISE * motion.acceleration_noise_rad_s2
+    if reason is None or (motion.inertia_nm_s2 > 0.0 and moved):
+        return None
+    return f"{reason}, or a speed that changes faster"
+
+
+def loaded(motion: Motion) -> str | None:
+    """Return why the torque through the flexspline is too small for a share of it, or None."""
+    reason = has_load(motion)
+    inertial = motion.inertia_nm_s2 * _largest(motion.acceleration_rad_s2, motion)
+    if reason is None or inertial >= _INERTIAL_NM:
+        return None
+    return f"{reason}, or an expected torque of {_INERTIAL_NM:g} N m"
+
+
+def both_signs(motion: Motion) -> str | None:
+    """Return why a cause that needs torque of both signs does not apply, or None."""
+    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    low, high = (float(torque.min()), float(torque.max())) if len(torque) else (0.0, 0.0)
+    # a hundredth of the largest torque: less of the other sign is noise of the torque itself
+    least = 0.01 * max(high, -low)
+    if low < -least and high > least:
+        return None
+    return f"the torque lies between {low:.3g} and {high:.3g} N m; needed: both signs"
+
+
+def torque_turns(motion: Motion) -> str | None:
+    """Return why the torque does not go up and down far enough for a loop, or None."""
+    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    span = float(np.ptp(torque)) if len(torque) else 0.0
+    rise = float((torque - np.minimum.accumulate(torque)).max()) if len(torque) else 0.0
+    fall = float((np.maximum.accumulate(torque) - torque).max()) if len(torque) else 0.0
+    # a fifth of the range: a smaller way back shows no second branch of a loop
+    if span > 0.0 and min(rise, fall) >= 0.2 * span:
+        return None
+    return (
+        f"the torque rises by {rise:.3g} N m and falls by {fall:.3g} N m; needed: both by a fifth "
+        "of its range, that is loading and unloading"
+    )
+
+
+def speed_varies(motion: Motion) -> str | None:
+    """Return why what follows the speed cannot be told from the zero, or None."""
+    return _varies(motion.velocity_rad_s[motion.valid])
+
+
+def size_of_speed_varies(motion: Motion) -> str | None:
+    """Return why what follows the size of the speed cannot be told from the zero, or None."""
+    return _varies(np.abs(motion.velocity_rad_s[motion.valid]))
+
+
+def _varies(speed: FloatArray) -> str | None:
+    """Return why a speed counts as constant, or None."""
+    low, high = np.percentile(speed, (1.0, 99.0)) if len(speed) else (0.0, 0.0)
+    spread, largest = float(high - low), float(max(abs(low), abs(high)))
+    # 5 % of the speed: below it the torque of viscous friction is a constant, that is a zero
+    if spread > 0.05 * largest and spread > 0.0:
+        return None
+    return (
+        f"the speed varies by {spread:.3g} rad/s of {largest:.3g} rad/s; needed: more than 5 % to "
+        "tell it from the zero"
+    )
+
+
+def lasts(needed_s: float) -> Applicable:
+    """Return the condition that the record lasts `needed_s`."""
+
+    def check(motion: Motion) -> str | None:
+        span = float(motion.time_s[-1] - motion.time_s[0])
+        if span >= needed_s:
+            return None
+        return f"the record lasts {span:.3g} s; needed: {needed_s:g} s"
+
+    return check
+
+
+def _largest(values: FloatArray, motion: Motion) -> float:
+    """Return the largest magnitude over the valid samples, 0 where there is none."""
+    known = np.abs(values[motion.valid & np.isfinite(values)])
+    return float(known.max()) if len(known) else 0.0
+
 
 Shape = Mapping[str, float]
 

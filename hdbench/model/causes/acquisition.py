@@ -7,8 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.model.causes._needs import motor_turns, speed_varies
-from hdbench.model.causes._parts import Computed, no_column, no_shape, single
+from hdbench.model.causes._parts import (
+    Computed,
+    motor_turns,
+    no_column,
+    no_shape,
+    single,
+    speed_varies,
+)
 from hdbench.model.motion import Motion, angle_curvature, integrate_velocity, velocity_slope
 from hdbench.records.trace import FloatArray
 

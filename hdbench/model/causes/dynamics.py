@@ -1,4 +1,4 @@
-"""Inertia, delay, and a flexspline that is stiffer at high torque."""
+"""Causes of friction and of what lags, bends or rings: functions of velocity and torque."""
 
 from __future__ import annotations
 
@@ -15,12 +15,81 @@ from hdbench.model.causes._memory import (
     second_order,
     spread_out,
 )
-from hdbench.model.causes._needs import accelerates, all_of, loaded
-from hdbench.model.causes._parts import REFERENCE_LOAD_NM, Computed, no_shape, single
+from hdbench.model.causes._parts import (
+    REFERENCE_LOAD_NM,
+    STANDING_RAD_S,
+    Computed,
+    accelerates,
+    all_of,
+    loaded,
+    moves_and_reverses,
+    no_shape,
+    reverses,
+    single,
+    size_of_speed_varies,
+    speed_varies,
+)
 from hdbench.model.causes.sensor import whole_signal
 from hdbench.model.localfit import delayed
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
+
+# ends of the catalogue's domains of the transition and of the Stribeck speed
+_SLOWEST_RAD_S, _FASTEST_RAD_S = 0.05, 80.0
+# samples slower than the Stribeck speed's domain that a record must have to show the effect
+_SLOW_SAMPLES = 20
+
+
+def _coulomb(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    return single(np.tanh(motion.velocity_rad_s / shape["transition_rad_s"]))
+
+
+def _viscous(motion: Motion) -> FloatArray:
+    return single(motion.velocity_rad_s)
+
+
+def _stribeck(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    velocity = motion.velocity_rad_s
+    excess = np.exp(-((velocity / shape["stribeck_rad_s"]) ** 2))
+    return single(excess * np.tanh(velocity / shape["transition_rad_s"]))
+
+
+def _asymmetric(motion: Motion) -> FloatArray:
+    size = np.abs(motion.velocity_rad_s)
+    return np.column_stack((np.tanh(size / STANDING_RAD_S), size))
+
+
+def _moves_slowly(motion: Motion) -> str | None:
+    speed = np.abs(motion.velocity_rad_s[motion.valid])
+    slow = int(((speed > _SLOWEST_RAD_S) & (speed < _FASTEST_RAD_S)).sum())
+    if slow >= _SLOW_SAMPLES:
+        return None
+    return (
+        f"{slow} samples move slower than {_FASTEST_RAD_S:g} rad/s; needed: {_SLOW_SAMPLES} to "
+        "see friction fall with speed"
+    )
+
+
+def _fall_is_seen(motion: Motion) -> Mapping[str, tuple[float, float]]:
+    """Return the Stribeck speeds whose double was reached: there 2 % of the excess is left."""
+    largest = float(np.abs(motion.velocity_rad_s[motion.valid]).max(initial=0.0))
+    return {"stribeck_rad_s": (0.0, 0.5 * largest)}
+
+
+def _load_friction(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    direction = np.tanh(motion.velocity_rad_s / shape["transition_rad_s"])
+    return single(np.abs(motion.applied_nm) * direction)
+
+
+def _presliding(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    at, starts = remembered(motion, motion.angle_rad)
+    way = np.diff(motion.angle_rad[at], prepend=motion.angle_rad[at[:1]])
+    left = np.where(starts, 0.0, np.exp(-np.abs(way) / shape["breakaway_rad"]))
+    speed = motion.velocity_rad_s[at]
+    begin = np.where(np.abs(speed) > STANDING_RAD_S, np.sign(speed), 0.0)
+    state = first_order(left, np.where(starts, begin, np.sign(way) * (1.0 - left)))
+    return single(spread_out(state, at, len(motion)))
+
 
 # neither two channels of one converter nor a filter of a bench delay by more than this
 _SLOWEST_S = 0.1
@@ -38,7 +107,7 @@ _DAMPING = 0.03
 # rated one
 _FIRST_KNEE = 0.1
 # a record sampled slower than this is a list of readings: there it is cubic-nonlinearity
-_SLOWEST_S = 0.1
+_SLOWEST_RECORD_S = 0.1
 Law = Callable[[FloatArray], FloatArray]
 
 
@@ -153,10 +222,11 @@ def _piecewise(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
 
 def _sampled(motion: Motion) -> str | None:
     period = float(np.median(np.diff(motion.time_s))) if len(motion) > 1 else np.inf
-    if period <= _SLOWEST_S:
+    if period <= _SLOWEST_RECORD_S:
         return None
     return (
-        f"one sample per {period:.3g} s; needed: {_SLOWEST_S:g} s or less, readings show a spring "
+        f"one sample per {period:.3g} s; needed: {_SLOWEST_RECORD_S:g} s or less, readings show a "
+        "spring "
         "that is no straight line as cubic-nonlinearity"
     )
 
@@ -169,6 +239,14 @@ def _knee_reach(motion: Motion) -> dict[str, tuple[float, float]]:
 
 
 COMPUTED = {
+    "coulomb-friction": Computed(_coulomb, moves_and_reverses),
+    "viscous-friction": Computed(no_shape(_viscous), speed_varies),
+    "stribeck-friction": Computed(
+        _stribeck, all_of(moves_and_reverses, _moves_slowly), _fall_is_seen
+    ),
+    "asymmetric-friction": Computed(no_shape(_asymmetric), all_of(reverses, size_of_speed_varies)),
+    "load-dependent-friction": Computed(_load_friction, all_of(moves_and_reverses, loaded)),
+    "presliding": Computed(_presliding, moves_and_reverses),
     "inertia-error": Computed(no_shape(_per_inertia), accelerates),
     "time-skew": Computed(_skew, _changes, reach=_delay_reach),
     "cubic-stiffness": Computed(no_shape(_cubic), all_of(loaded, _sampled)),

@@ -7,8 +7,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hdbench.model.causes._memory import even_step, remembered, resonance
-from hdbench.model.causes._needs import all_of, motor_turns, output_turns, speed_varies
-from hdbench.model.causes._parts import Computed, lobe_angle, no_shape, pair
+from hdbench.model.causes._parts import (
+    Computed,
+    all_of,
+    lobe_angle,
+    motor_turns,
+    no_shape,
+    output_turns,
+    pair,
+    speed_varies,
+)
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 

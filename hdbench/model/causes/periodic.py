@@ -6,14 +6,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._needs import all_of, lasts, loaded, motor_turns, output_turns
 from hdbench.model.causes._parts import (
     REFERENCE_LOAD_NM,
     REFERENCE_SPEED_RAD_S,
     Computed,
+    all_of,
     broken_orders,
+    lasts,
+    loaded,
     lobe_angle,
+    motor_turns,
     no_shape,
+    output_turns,
     pair,
     whole_orders,
 )

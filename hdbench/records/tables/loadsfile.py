@@ -172,29 +172,12 @@ def read_sequence(path: Path) -> tuple[SequenceEntry, ...]:
         return ()
     table = parse_table(path, read_text(path, "sequence file"))
     out = []
-    for line, row in zip(table.lines, table.rows, strict=True):
-        cells = dict(zip(table.header, row, strict=True))
-        numbers = [
-            _number(path, line, name, cells.get(name, ""))
-            for name in ("time_s", "torque_nm", "reading_v")
-        ]
-        words = [cells.get(name, "").strip() for name in ("kind", "experiment", "superseded")]
+    for line, cells in zip(table.lines, table.rows, strict=True):
+        row = _Row(path, line, dict(zip(table.header, cells, strict=True)))
+        numbers = [row.optional(name) for name in ("time_s", "torque_nm", "reading_v")]
+        words = [row.cells.get(name, "").strip() for name in ("kind", "experiment", "superseded")]
         out.append(SequenceEntry(words[0], words[1], words[2], *numbers))
     return tuple(out)
-
-
-def _number(path: Path, line: int, name: str, cell: str) -> float | None:
-    text = cell.strip()
-    if text.lower() in ("", "nan"):
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        what = f"column {name} holds {cell!r:.40}; needed: a finite number, or nothing"
-        raise data_error(path, line, what, "correct the cell, or take the file away")
-    return value
 
 
 def _cell(value: object) -> str:

@@ -18,11 +18,11 @@ from hdbench.records.tables.csvtext import (
     as_text,
     check_header,
     data_error,
+    parse_numbers,
     parse_table,
     quoted,
     read_raw,
 )
-from hdbench.records.tables.numbers import parse_numbers
 from hdbench.records.tables.parquetfile import PARQUET, parquet_columns
 from hdbench.records.trace import FloatArray, Trace
 

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from hdbench.calibration.budget import relative_std, with_shares
-from hdbench.calibration.readings import TakenReading
-from hdbench.calibration.torque.lever import (
+from hdbench.calibration.lever import (
     STANDARD_GRAVITY,
     AppliedTorque,
     Conditions,
     applied_torque,
+    given_sources,
+    torque_sources,
 )
-from hdbench.calibration.torque.sources import given_sources, torque_sources
+from hdbench.calibration.readings import TakenReading
 from hdbench.profile.schema import ProfileData
 from hdbench.results.calibration import AppliedTorqueAccount, BudgetRow, Correction
 

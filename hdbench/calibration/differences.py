@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.calibration.gains.positions import position_numbers
+from hdbench.calibration.gains import position_numbers
+from hdbench.calibration.lever import AppliedTorque
 from hdbench.calibration.readings import TakenReading
-from hdbench.calibration.torque.lever import AppliedTorque
 from hdbench.profile.calibrating import Arm
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity

@@ -1,1 +1,0 @@
-"""Gains of experiments: scatter within and between positions, differences, outliers."""

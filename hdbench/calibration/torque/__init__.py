@@ -1,1 +1,0 @@
-"""Torque of weights on an arm: model, corrections, uncertainty."""
