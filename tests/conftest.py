@@ -18,10 +18,13 @@ settings.register_profile(
 )
 settings.load_profile("suite")
 
+# programs that tests start write as they do at a user's terminal
+os.environ.pop("PYTHONUNBUFFERED", None)
+
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Return one worker more than cores: many tests wait for a device or a deadline."""
-    return (os.cpu_count() or 1) + 1
+    """Return one worker for each core: a device that waits for a processor misses its deadline."""
+    return os.cpu_count() or 1
 
 
 @pytest.fixture

@@ -195,8 +195,7 @@ def _run(arguments: Sequence[str], output: Output) -> int:
     except click.ClickException as error:
         return _usage(error, output)
     except BrokenPipeError:
-        sys.stderr.close()  # the reader of our stdout has gone; nothing is left to be told
-        return 0
+        return 0  # the reader of our stdout has gone; nothing is left to be told
     except OSError as error:
         return _fail(
             output,
@@ -238,7 +237,17 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except KeyboardInterrupt:  # one more Ctrl-C while the first one's end was being told
         code = 130
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the exit code is decided
+    _flush()
     sys.exit(code)
+
+
+def _flush() -> None:
+    """Write what is buffered: a terminal or reader that has gone must not change the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

@@ -176,12 +176,18 @@ def diagnose_runs_together(
 ) -> tuple[Path, Diagnosis]:
     """Diagnose several dynamic runs of one drive at once, and store one diagnosis.
 
-    Parameters and errors beside these are those of `diagnose_run`.
-
     Parameters
     ----------
     sources : sequence of Path
         Run folders or traces, two or more, each named once.
+    profile : Profile
+        Bench.
+    out : Path
+        Parent folder of run folders.
+    options : DiagnosisOptions or None
+        Settings; the defaults where None.
+    progress : callable or None
+        Called with what is being done and the share done.
 
     Returns
     -------
@@ -194,6 +200,8 @@ def diagnose_runs_together(
     ------
     UsageError
         If there is one input only, one is there twice, or one holds calibration loads.
+    DataError, StorageError
+        As by `diagnose_run`.
     """
     chosen = options or DiagnosisOptions()
     most = MOST_SAMPLES // max(1, len(sources))
