@@ -456,8 +456,10 @@ class Search:
     def drop_needless(self) -> bool:
         """Drop causes that others at shapes of their own can stand for; return whether any went."""
         before = len(self.fit.causes())
-        for held in [self.fit.parts[part] for part in self.fit.causes()]:
-            fit, part = self.fit, self.fit.parts.index(held)
+        # from the last one on: the places before one that goes stay
+        for part in reversed(self.fit.causes()):
+            fit = self.fit
+            held = fit.parts[part]
             without = fit.copy()
             without.remove(part)
             without.settle(2)
@@ -766,13 +768,13 @@ def search_from(
         elif found:
             before = fit.bands.power(fit.residual).sum()
             state.accept(found)
-            fit = state.fit
             small = small + 1 if state.explained(before) < least_share else 0
             if small > _SMALL:
                 state.drop_needless()
                 break
         elif not state.drop_needless():
             break
+        fit = state.fit
         state.reshape_all()
         state.straighten()
         attach_forms(fit)
