@@ -52,7 +52,7 @@ def _when_back(signum: int) -> None:
     is_there = True
     while is_there:
         time.sleep(_AGAIN_S)
-        frame = sys._current_frames().get(main_thread().ident or 0)
+        frame = sys._current_frames().get(main_thread().ident or 0)  # noqa: SLF001 - no other way
         while frame is not None and frame.f_code is not _send_again.__code__:
             frame = frame.f_back
         is_there = frame is not None
