@@ -14,12 +14,12 @@ from pydantic_core import from_json
 from hdbench.importing.cells import stamp_seconds
 from hdbench.importing.source import (
     MOST_CHANNELS,
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     damaged,
     finite_or_nan,
+    piece_rows,
     spelled,
     text_cells,
 )
@@ -212,11 +212,12 @@ class _JsonSource(Source):
         keys = [self._keys[name][1] for name in names]
         group = self._keys[names[0]][0]
         rows: list[list[Any]] = []
+        most = piece_rows(8 * len(names))
         for found, record in self._all({}):
             if found != group:
                 continue
             rows.append([record.get(key) for key in keys])
-            if len(rows) == PIECE_ROWS:
+            if len(rows) == most:
                 yield _piece(names, rows)
                 rows = []
         if rows:
