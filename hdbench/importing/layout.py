@@ -20,16 +20,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hdbench.importing.cells import is_number, says_number
-from hdbench.importing.units import known_unit
+from hdbench.importing.units import is_time_name, known_unit
 
 Logger = Literal["labjack", "dataq", "auto"]
 # 1970-01-01 in seconds since 1904-01-01: 66 years, 17 of them leap years
 EPOCH_1904_S = 2_082_844_800
 # as many lines a file may have before its table: 96 channels with a line each, and some to spare
 SEARCHED_LINES = 200
-_TIME = re.compile(
-    r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
-)
 _DATE = re.compile(r"date\b.*", re.I)
 _COMMENTS = ("#", "%", "//")
 # columns that hold a word now and then
@@ -39,6 +36,29 @@ _DELIMITERS = ("\t", ";", " ", ",")
 # rows at the end of the lines looked at that say what the table is like
 _TAIL = 5
 _Row = tuple[int, list[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignFormat:
+    """How a text file is laid out.
+
+    Parameters
+    ----------
+    delimiter : str or None
+        Character between columns; None finds it.
+    header : bool
+        Whether rows of names may stand above the data.
+    skip : int
+        Lines that are passed over before the table is looked for.
+    logger : str or None
+        Data logger that wrote the file, or ``auto``: a column of time has to be there, and units
+        that are stated are turned into ours.
+    """
+
+    delimiter: str | None = None
+    header: bool = True
+    skip: int = 0
+    logger: Logger | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +88,6 @@ class TableLayout:
     names: tuple[str, ...]
     units: tuple[str, ...]
     preamble: tuple[int, ...]
-
-
-def is_time_name(name: str) -> bool:
-    """Return whether a column is named as a time."""
-    return _TIME.fullmatch(name.strip().rpartition("/")[2]) is not None
 
 
 def is_time_or_date(name: str) -> bool:

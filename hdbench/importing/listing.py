@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.importing.cells import MISSING, stamp_seconds
-from hdbench.importing.source import Channel, Source
+from hdbench.importing.source import Channel, Column, Source
 from hdbench.importing.units import unit_scale
 
 # rows that are looked at: enough to see what a channel is, whatever the size of the file
@@ -73,10 +73,10 @@ class ChannelFacts:
         }
 
 
-def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[np.float64], bool]:
+def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[Any], bool]:
     """Return the numbers of a piece, NaN where there is none, and whether there are words."""
     if raw.dtype != object:
-        return np.asarray(raw, dtype=np.float64), False
+        return raw, False
     values = np.full(len(raw), np.nan)
     words = False
     for k, cell in enumerate(raw):
@@ -96,19 +96,19 @@ def read_numbers(
     source: Source, names: Sequence[str], most_rows: int = LOOKED_AT
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, bool]]:
     """Read the first values of channels of one clock."""
-    parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
+    columns = {name: Column(None) for name in names}
     words = dict.fromkeys(names, False)
     rows = 0
     source.rounded = frozenset(names)
     for piece in source.pieces(names):
         for name in names:
             values, found = _values(source, piece[name])
-            parts[name].append(values)
+            columns[name].add(values)
             words[name] |= found
         rows += len(next(iter(piece.values())))
         if rows >= most_rows:
             break
-    return {n: np.concatenate(p) if p else np.empty(0) for n, p in parts.items()}, words
+    return {name: column.whole() for name, column in columns.items()}, words
 
 
 def _bits(values: NDArray[np.float64]) -> int:

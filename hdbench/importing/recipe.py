@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
+from hdbench.importing.layout import ForeignFormat
 from hdbench.importing.mapping import ColumnMap, Constant, parse_constant, parse_map
 from hdbench.importing.source import Asked
-from hdbench.importing.text import ForeignFormat
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
 from hdbench.records.tables import TRACE_COLUMNS, read_text

@@ -124,7 +124,8 @@ class Source(ABC):
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield the samples of channels of one clock, in pieces of a bounded number of rows.
 
-        Numbers are arrays of float64, int64 or uint64; cells of text are arrays of str objects.
+        Numbers are arrays of float64, int64 or uint64, which the next piece may overwrite; cells
+        of text are arrays of str objects.
         """
 
     def own_time(self, clock: str) -> Channel | None:
@@ -155,10 +156,32 @@ class Source(ABC):
         self.channels = tuple(kept)
 
 
-def spans(rows: int) -> Iterator[tuple[int, int]]:
+class Column:
+    """Numbers that come piece by piece, as many as a file says or as many as there are."""
+
+    def __init__(self, rows: int | None) -> None:
+        self._values = np.empty(rows or PIECE_ROWS)
+        self._count = 0
+
+    def add(self, values: NDArray[Any]) -> None:
+        """Put numbers behind those that are there."""
+        end = self._count + len(values)
+        if end > len(self._values):
+            grown = np.empty(2 * end)
+            grown[: self._count] = self.whole()
+            self._values = grown
+        self._values[self._count : end] = values
+        self._count = end
+
+    def whole(self) -> NDArray[np.float64]:
+        """Return what came so far."""
+        return self._values[: self._count]
+
+
+def spans(rows: int, most: int = PIECE_ROWS) -> Iterator[tuple[int, int]]:
     """Yield where each piece of so many rows begins, and how many rows it has."""
-    for start in range(0, rows, PIECE_ROWS):
-        yield start, min(PIECE_ROWS, rows - start)
+    for start in range(0, rows, most):
+        yield start, min(most, rows - start)
 
 
 def text_cells(cells: Sequence[str]) -> NDArray[Any]:

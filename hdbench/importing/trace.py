@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.convert import Conversion, Derived, derived_columns
-from hdbench.importing.source import Source, listed
+from hdbench.importing.source import Column, Source, listed
 from hdbench.records.trace import FloatArray, Trace
 
 # a trace of more cells is read by no other command: some 1 GB of text
@@ -104,9 +104,11 @@ def _clock(
     names = list(dict.fromkeys(c.column.channel.name for c in conversions))
     wanted = names if time is None else [*names, time.column.channel.name]
     start: Fraction | None = Fraction(0) if keep_time else None
-    times: list[FloatArray] = []
-    parts: dict[str, list[FloatArray]] = {c.target: [] for c in conversions}
-    rows, last = 0, -np.inf
+    rows, last = next((c.rows for c in source.channels if c.name in wanted), None) or 0, -np.inf
+    _check_size(source, rows, len(conversions))
+    times = Column(rows if time else None)
+    columns = {c.target: Column(rows) for c in conversions}
+    rows = 0
     source.rounded = frozenset(
         name
         for name in names
@@ -121,20 +123,15 @@ def _clock(
             found, start = time.seconds(piece[time.column.channel.name], rows, start)
             _check_times(time, found, rows, last)
             last = float(found[-1])
-            times.append(found)
+            times.add(found)
         for conversion in conversions:
             raw = piece[conversion.column.channel.name]
-            parts[conversion.target].append(conversion.piece(raw, rows))
+            columns[conversion.target].add(conversion.piece(raw, rows))
         rows += count
-        if rows * (len(parts) + 1) > MOST_CELLS:
-            raise DataError(
-                f"more than {MOST_CELLS // (len(parts) + 1)} rows of {len(parts) + 1} columns",
-                where=str(source.path),
-                fix="map fewer columns, or split the file",
-            )
+        _check_size(source, rows, len(conversions))
     if not rows:
         raise DataError("no data", where=str(source.path), fix="check the file, or record again")
-    whole = {c.target: c.whole(np.concatenate(parts.pop(c.target))) for c in conversions}
+    whole = {c.target: c.whole(columns[c.target].whole()) for c in conversions}
     for conversion in conversions:
         if not np.isfinite(whole[conversion.target]).any():
             raise DataError(
@@ -142,7 +139,17 @@ def _clock(
                 where=str(source.path),
                 fix=f"map another channel to {conversion.target}, or leave its --map out",
             )
-    return start or Fraction(0), np.concatenate(times) if times else np.empty(0), whole
+    return start or Fraction(0), times.whole(), whole
+
+
+def _check_size(source: Source, rows: int, mapped: int) -> None:
+    columns = mapped + 1
+    if rows * columns > MOST_CELLS:
+        raise DataError(
+            f"more than {MOST_CELLS // columns} rows of {columns} columns",
+            where=str(source.path),
+            fix="map fewer columns, or split the file",
+        )
 
 
 def _constant(name: str, text: str) -> float:

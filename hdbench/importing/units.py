@@ -1,4 +1,4 @@
-"""Units that headers of foreign logs state, and what turns them into those of our columns."""
+"""What headers of foreign logs state: a time, or a unit and what turns it into ours."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ _BEHIND = re.compile(
 _TWO_BEHIND = re.compile(r"(?P<name>.*?[A-Za-z0-9])[_ ](?P<unit>[A-Za-z]+[_ ][A-Za-z]+)")
 _PER_BEHIND = re.compile(
     r"(?P<name>.*[A-Za-z0-9])_(?P<above>rad|deg|rev|turns)_?(?:per_)?(?P<below>s|sec|min)"
+)
+_TIME = re.compile(
+    r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
 )
 # longest first: `_rad_s` ends in `_s` too
 _SUFFIXES = (
@@ -117,6 +120,11 @@ def stated_unit(header: str) -> str:
 def bare_name(header: str) -> str:
     """Return a column name without the unit behind it."""
     return _parted(header)[0]
+
+
+def is_time_name(name: str) -> bool:
+    """Return whether a column is named as a time."""
+    return _TIME.fullmatch(name.strip().rpartition("/")[2]) is not None
 
 
 def target_unit(column: str) -> str:

@@ -16,8 +16,8 @@ from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
 from hdbench.calibration.staircase.plateaus import find_glitches, find_plateaus, find_stuck
 from hdbench.errors import DataError, UsageError
+from hdbench.importing.layout import ForeignFormat
 from hdbench.importing.mapping import ColumnMap, Constant
-from hdbench.importing.text import ForeignFormat
 from hdbench.profile import load_profile
 from hdbench.records.tables import read_loads
 

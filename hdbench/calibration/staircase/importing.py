@@ -15,10 +15,10 @@ import numpy as np
 from hdbench.calibration.staircase.plateaus import Plateau, Staircase, find_plateaus
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.convert import conversion
+from hdbench.importing.layout import ForeignFormat
 from hdbench.importing.mapping import ColumnMap, Constant, find_source
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
-from hdbench.importing.text import ForeignFormat
 from hdbench.profile.calibrating import Arm
 from hdbench.records.loads import LoadReading, Loads
 from hdbench.records.storage import publish, staged_path

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.importing.layout import is_time_name
 from hdbench.importing.source import (
     Channel,
     Piece,
@@ -19,7 +18,7 @@ from hdbench.importing.source import (
     spans,
     spelled,
 )
-from hdbench.importing.units import stated_unit
+from hdbench.importing.units import is_time_name, stated_unit
 
 # columns of one matrix that are channels; a matrix that is wider either way is no set of channels
 MOST_COLUMNS = 512

@@ -13,8 +13,8 @@ from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.importing.layout import SEARCHED_LINES, table_layout
+from hdbench.importing.readers.text import CellsSource, CellTable
 from hdbench.importing.source import Source, listed
-from hdbench.importing.text import CellsSource, CellTable
 from hdbench.records.tables import data_error
 
 _FORM = "Excel workbook"

@@ -11,7 +11,6 @@ from typing import IO, Any
 import numpy as np
 from pydantic_core import from_json
 
-from hdbench.importing.layout import is_time_name
 from hdbench.importing.source import (
     MOST_CHANNELS,
     PIECE_ROWS,
@@ -23,7 +22,7 @@ from hdbench.importing.source import (
     spelled,
     text_cells,
 )
-from hdbench.importing.units import stated_unit
+from hdbench.importing.units import is_time_name, stated_unit
 
 _FORM = "JSON file"
 _BLOCK = 1 << 20

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.importing.layout import is_time_name
 from hdbench.importing.source import (
     PIECE_ROWS,
     Channel,
@@ -19,7 +18,7 @@ from hdbench.importing.source import (
     numbers,
     text_cells,
 )
-from hdbench.importing.units import stated_unit
+from hdbench.importing.units import is_time_name, stated_unit
 
 _FORM = "Parquet file"
 # a group of rows is unpacked by columns; writers make groups of some MB

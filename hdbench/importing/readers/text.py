@@ -18,10 +18,9 @@ from hdbench.errors import DataError
 from hdbench.importing.cells import is_number, stamp_seconds, uses_decimal_comma
 from hdbench.importing.layout import (
     SEARCHED_LINES,
-    Logger,
+    ForeignFormat,
     TableLayout,
     is_comment,
-    is_time_name,
     is_time_or_date,
     split,
     text_layout,
@@ -35,7 +34,7 @@ from hdbench.importing.source import (
     text_cells,
     told_apart,
 )
-from hdbench.importing.units import stated_unit
+from hdbench.importing.units import is_time_name, stated_unit
 from hdbench.records.tables import data_error
 from hdbench.records.tables.csvtext import parse_numbers
 from hdbench.records.trace import FloatArray
@@ -47,29 +46,6 @@ _LIMIT_RATIO, _SMALL_BYTES = 300, 16 << 20
 # bytes that are converted at a time
 _CHUNK_BYTES = 1 << 23
 _Rows = Callable[[int], Iterator[tuple[int, list[str]]]]
-
-
-@dataclass(frozen=True, slots=True)
-class ForeignFormat:
-    """How a text file is laid out.
-
-    Parameters
-    ----------
-    delimiter : str or None
-        Character between columns; None finds it.
-    header : bool
-        Whether rows of names may stand above the data.
-    skip : int
-        Lines that are passed over before the table is looked for.
-    logger : str or None
-        Data logger that wrote the file, or ``auto``: a column of time has to be there, and units
-        that are stated are turned into ours.
-    """
-
-    delimiter: str | None = None
-    header: bool = True
-    skip: int = 0
-    logger: Logger | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,8 +224,9 @@ def _lines(path: Path, skip: int) -> Iterator[str]:
         raise damaged(path, "gzip file", str(error)) from error
 
 
-def open_text(path: Path, layout: ForeignFormat) -> CellsSource:
+def open_file(path: Path, layout: ForeignFormat | None) -> CellsSource:
     """Open a table of text."""
+    layout = layout or ForeignFormat()
     head = [line for line, _ in zip(_lines(path, layout.skip), range(SEARCHED_LINES), strict=False)]
     found = text_layout(head, layout.delimiter, named=layout.header)
     if found is None:
