@@ -277,7 +277,9 @@ def _reader(descriptor: int, ended: threading.Event) -> Read:
     def read() -> bytes:
         while not ended.is_set():
             if select.select([descriptor], (), (), _GRAIN_S)[0]:
-                return os.read(descriptor, _CHUNK)
+                # a flush at the other end may take what was there
+                with contextlib.suppress(BlockingIOError):
+                    return os.read(descriptor, _CHUNK)
         return b""
 
     return read

@@ -45,7 +45,8 @@ _LONGEST_LINE = 1 << 20
 _LIMIT_RATIO, _SMALL_BYTES = 300, 16 << 20
 # bytes that are converted at a time
 _CHUNK_BYTES = 1 << 23
-_Rows = Callable[[int], Iterator[tuple[int, list[str]]]]
+_Rows = Callable[[int], Iterator[tuple[int, list[Any]]]]
+_NUMBERS = frozenset((float, int, type(None)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,7 @@ class CellsSource(Source):
         stamps: list[str] = []
         for table in tables:
             layout = table.layout
-            first = [row for _, row in _first(table.rows(0))]
+            first = [[*map(self.text, row)] for _, row in _first(table.rows(0))]
             probes += first
             for k in range(layout.width):
                 name = layout.names[k] if layout.names else str(k + 1)
@@ -129,14 +130,29 @@ class CellsSource(Source):
                     for name, k in columns.items()
                 }
                 done += len(values[0])
-        kept: list[list[str]] = []
+        kept: list[list[Any]] = []
         for _, row in table.rows(done):
             kept.append(row)
             if len(kept) == PIECE_ROWS:
-                yield _piece(kept, columns)
+                yield self._piece(kept, columns)
                 kept = []
         if kept:
-            yield _piece(kept, columns)
+            yield self._piece(kept, columns)
+
+    def _piece(self, rows: Sequence[Sequence[Any]], columns: dict[str, int]) -> Piece:
+        piece: dict[str, NDArray[Any]] = {}
+        for name, k in columns.items():
+            cells = [row[k] for row in rows]
+            if name in self.rounded and _NUMBERS.issuperset(map(type, cells)):
+                piece[name] = np.array(cells, dtype=np.float64)
+            else:
+                piece[name] = text_cells([*map(self.text, cells)])
+        return piece
+
+    @staticmethod
+    def text(cell: Any) -> str:
+        """Return a cell as text."""
+        return str(cell)
 
     def place(self, row: int) -> str:
         """Return the line of a row."""
@@ -145,17 +161,13 @@ class CellsSource(Source):
         return f"{self.path}:{line}"
 
 
-def _first(rows: Iterator[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+def _first(rows: Iterator[tuple[int, list[Any]]]) -> list[tuple[int, list[Any]]]:
     return [row for row, _ in zip(rows, range(SEARCHED_LINES), strict=False)]
 
 
 def _column(text: bytes, delimiter: str, k: int) -> NDArray[Any]:
     rows = (line.split(delimiter, k + 1) for line in text.decode("ascii").split("\n"))
     return text_cells([cells[k] if k < len(cells) else "" for cells in rows])
-
-
-def _piece(rows: Sequence[Sequence[str]], columns: dict[str, int]) -> Piece:
-    return {name: text_cells([row[k] for row in rows]) for name, k in columns.items()}
 
 
 def _opened(raw: IO[bytes]) -> Any:

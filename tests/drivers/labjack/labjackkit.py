@@ -75,9 +75,9 @@ def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[
 
 
 def table_for(port: int, **changes: Any) -> Any:
-    """Return the profile's table with the address of a served device; a busy one is waited for."""
-    known = {"address": f"tcp://127.0.0.1:{port}", "deadline_s": 10.0}
-    return PROFILE.daq.model_copy(update={**known, **changes})
+    """Return the profile's table with the address of a served device, patient as it may be."""
+    address = f"tcp://127.0.0.1:{port}"
+    return PROFILE.daq.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
 
 
 @contextmanager

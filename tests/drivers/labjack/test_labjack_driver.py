@@ -72,7 +72,8 @@ def test_the_encoder_is_exact_over_32_bits_and_both_words_belong_together():
         # a counter just below a turn of its low word, zero, and the end of its 32 bits
         for start in (65_000, -600, 2**31 - 600):
             device.call(lambda s=start: setattr(device.instrument, "_count_offset", s))
-            daq.configure(settings(600))
+            # 1 s of this computer's time, so that the motion begins well before their end
+            daq.configure(settings(4000))
             daq.start()
             daq.arm_watchdog(1.0)
             daq.enable(on=True)
