@@ -51,7 +51,7 @@ def serving(folder: Path) -> Iterator[Served]:
     )
     yield Served(process, profile, record)
     process.terminate()
-    process.wait(timeout=10)
+    process.wait(timeout=60)
     process.stdout.close()
 
 
