@@ -27,7 +27,7 @@ def start(*words):
 @pytest.mark.parametrize("address", ["0.0.0.0", "192.168.0.7", "::"])
 def test_another_address_than_the_loopback_needs_the_word(address):
     process = start("--listen", address)
-    said, noise = process.communicate(timeout=30)
+    said, noise = process.communicate(timeout=60)
     error = json.loads(said)["error"]
     assert (process.returncode, error["exit_code"], error["where"]) == (2, 2, "--listen")
     assert "--unprotected" in error["fix"]
@@ -42,7 +42,7 @@ def test_on_a_serial_line_it_prints_the_address_that_a_host_opens():
         assert told["address"].startswith("rtu:///dev/")
         assert stop_bench(load_profile("cim-tr-97-06"), address=told["address"]).confirmed
         process.send_signal(signal.SIGTERM)
-        rest, noise = process.communicate(timeout=10)
+        rest, noise = process.communicate(timeout=60)
     finally:
         process.kill()
         process.communicate()

@@ -31,6 +31,16 @@ ROLES = ("torque", "tacho", "current", "reference", "encoder")
 
 
 @dataclass
+class HandClock:
+    """The clock of a device's watchdog: it goes when told, so that no busy machine trips it."""
+
+    now_s: float = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@dataclass
 class Served(InThread):
     """An emulated device in a thread."""
 
@@ -39,6 +49,7 @@ class Served(InThread):
     host: str
     port: int
     events: list[dict[str, object]]
+    watchdog_clock: HandClock
 
     @property
     def device(self) -> LabJackDevice:
@@ -56,10 +67,11 @@ def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[
         record=lambda event: events.append(dict(event)),
     )
     wiring = Wiring(instrument, table or PROFILE.daq, current_v_per_v=1.0, seed=seed)
-    server = EmulatedLabJack(LabJackDevice(wiring, seed))
+    clock = HandClock()
+    server = EmulatedLabJack(LabJackDevice(wiring, seed, clock=clock))
     with in_thread(lambda: server.open(EmulatorSettings()), server.close) as (loop, found):
         address = parse_address(str(found["address"]))
-        yield Served(loop, server, instrument, address.host, address.port, events)
+        yield Served(loop, server, instrument, address.host, address.port, events, clock)
 
 
 def table_for(port: int, **changes: Any) -> Any:
