@@ -17,7 +17,7 @@ from hdbench.importing.units import unit_scale
 
 # rows that are looked at: enough to see what a channel is, whatever the size of the file; fewer of
 # many channels, whose numbers are in memory together
-LOOKED_AT, _MOST_NUMBERS, _AT_ONCE = 200_000, 10_000_000, 128
+LOOKED_AT, _MOST_NUMBERS, _AT_ONCE = 200_000, 5_000_000, 32
 # two's complement: the numbers lie at the two ends of the range, the middle half is empty
 _BITS = (8, 16, 32)
 
@@ -147,7 +147,9 @@ def list_channels(source: Source, time: str | None = None) -> list[ChannelFacts]
     most = min(LOOKED_AT, max(1, _MOST_NUMBERS // max(1, len(places))))
     for clock in dict.fromkeys(c.clock for c in source.channels):
         own = [c for c in source.channels if c.clock == clock]
-        names, values, words = [c.name for c in own], {}, {}
+        names = [c.name for c in own]
+        values: dict[str, NDArray[np.float64]] = {}
+        words: dict[str, bool] = {}
         for first in range(0, len(names), _AT_ONCE):  # some libraries unpack channels whole
             read = read_numbers(source, names[first : first + _AT_ONCE], most)
             values |= read[0]

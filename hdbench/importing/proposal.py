@@ -369,8 +369,8 @@ def proposed_mapping(
         recipe = replace(recipe, joint=joints[0])
         reasons["--joint"] = f"one of {len(joints)} joints: {', '.join(joints)}"
     if "motor_velocity_rad_s" not in best and "motor_angle_rad" in best:
-        rate = given.rate_hz or best["motor_angle_rad"][0].rate_hz
-        cutoff = f"{rate / 10.0:.3g}" if rate else "CUTOFF_HZ"
+        rate_hz = given.rate_hz or best["motor_angle_rad"][0].rate_hz
+        cutoff = f"{rate_hz / 10.0:.3g}" if rate_hz else "CUTOFF_HZ"
         extra += ["--velocity-from-angle", cutoff]
         reasons["--velocity-from-angle"] = "no velocity; low-pass at a tenth of the sample rate"
     no_time = given.rate_hz is None and "time_s" not in mapping

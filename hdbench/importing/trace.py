@@ -357,12 +357,11 @@ def joined_trace(
 
 def _doubts(columns: Mapping[str, FloatArray]) -> Iterator[str]:
     """Yield the rate that the times mean, and where angle and velocity tell of unlike motions."""
-    time, *turning = (columns.get(n) for n in ("time_s", "motor_angle_rad", "motor_velocity_rad_s"))
-    if time is not None:
-        yield f"{time[-1] - time[0]:.6g} s at {_rate(time):.5g} Hz"
-    if any(column is None for column in (time, *turning)):
+    time = columns["time_s"]
+    yield f"{time[-1] - time[0]:.6g} s at {_rate(time):.5g} Hz"
+    if not {"motor_angle_rad", "motor_velocity_rad_s"} <= columns.keys():
         return
-    ratio = pace_ratio(time, *turning)
+    ratio = pace_ratio(time, columns["motor_angle_rad"], columns["motor_velocity_rad_s"])
     if ratio is not None and not is_alike(ratio):
         yield (
             f"doubtful: motor_velocity_rad_s is {ratio:.4g} times the rate of motor_angle_rad: "

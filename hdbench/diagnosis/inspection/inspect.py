@@ -303,17 +303,16 @@ def _pace(shaft: Shaft) -> FloatArray:
 
 def _of_units(log: Log) -> Iterator[Finding]:
     """Return where angle and velocity, in the units that they state, tell of unlike motions."""
-    columns = {"motor_angle_rad": "rad", "motor_velocity_rad_s": "rad/s"}
-    if log.time_s is None or not columns.keys() <= log.roles.keys():
+    names = [log.roles.get(name, "") for name in ("motor_angle_rad", "motor_velocity_rad_s")]
+    if log.time_s is None or not all(names):
         return
-    turning = [
-        log.role(name) * float(unit_scale(log.units.get(log.roles[name], ""), unit) or 1)
-        for name, unit in columns.items()
-    ]
-    ratio = pace_ratio(log.time_s, *turning)
+    angle, velocity = (
+        log.channels[name] * float(unit_scale(log.units.get(name, ""), unit) or 1)
+        for name, unit in zip(names, ("rad", "rad/s"), strict=True)
+    )
+    ratio = pace_ratio(log.time_s, angle, velocity)
     if ratio is not None and not is_alike(ratio):
-        angle, velocity = (log.roles[name] for name in columns)
-        yield _finding("units-disagree", velocity, f"{ratio:.4g} times the rate of {angle}")
+        yield _finding("units-disagree", names[1], f"{ratio:.4g} times the rate of {names[0]}")
 
 
 def _of_pairs(facts: Iterable[ChannelFacts], sampling: Sampling) -> Iterator[Finding]:
