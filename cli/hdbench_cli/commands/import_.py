@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import UsageError
 from hdbench_cli.inputs import DEFAULT_PROFILE
 from hdbench_cli.next_step import after_import, next_line
 from hdbench_cli.options import declared
@@ -92,6 +92,7 @@ def _listing(
     from hdbench.importing.listing import list_channels
     from hdbench.importing.proposal import proposed_mapping, time_candidate
     from hdbench.importing.registry import open_source
+    from hdbench.importing.trace import no_time
     from hdbench.records import result_header
 
     with closing(open_source(file, recipe.layout, recipe.asked)) as source:
@@ -100,7 +101,7 @@ def _listing(
         proposal = proposed_mapping(facts, recipe, source.channels, bench)
     out = _default_out(file)
     if proposal.no_time and output.json:
-        raise _no_time(file)
+        raise no_time(source)
     body = {
         **result_header("import", profile),
         "file": str(file),
@@ -112,18 +113,10 @@ def _listing(
     command = proposal.command(file, out)
     output.result(body, lambda _body: _listed(source, facts, proposal, command))
     if proposal.no_time:
-        raise _no_time(file)
+        raise no_time(source)
     if not ask or proposal.needs or output.json:
         return None
     return proposal if click.confirm(f"Take it and write {out}?", err=True) else None
-
-
-def _no_time(file: Path) -> DataError:
-    return DataError(
-        "no time column; needed: the time of every row, or the sample rate",
-        where=str(file),
-        fix="give the rate at which it was sampled by --rate HZ, or --time COLUMN",
-    )
 
 
 def _default_out(file: Path) -> Path:
