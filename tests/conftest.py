@@ -27,7 +27,7 @@ def pytest_xdist_auto_num_workers() -> int:
     return os.cpu_count() or 1
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def named_cause() -> Callable[..., dict[str, Any]]:
     """Return a function that makes a cause of a stored diagnosis from its name and parameters."""
 
