@@ -27,6 +27,22 @@ def pytest_xdist_auto_num_workers() -> int:
     return os.cpu_count() or 1
 
 
+@pytest.fixture
+def hdbench(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]]:
+    """Return a function that runs a command line in this process."""
+    from hdbench_cli.main import main
+
+    def run(*words: object, code: int = 0) -> tuple[str, str]:
+        """Return stdout and stderr of a command that ends with `code`."""
+        with pytest.raises(SystemExit) as end:
+            main([str(word) for word in words])
+        shown = capsys.readouterr()
+        assert end.value.code == code, shown.err
+        return shown.out, shown.err
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def named_cause() -> Callable[..., dict[str, Any]]:
     """Return a function that makes a cause of a stored diagnosis from its name and parameters."""
