@@ -18,7 +18,7 @@ from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.units import bare_name
 
 # rows that are in memory at a time: bounds the memory whatever the size of the file
-PIECE_ROWS = 1 << 16
+PIECE_ROWS, _PIECE_NUMBERS = 1 << 16, 1 << 22
 # a file that claims more is damaged or made to harm; a wide log of a robot has some hundreds
 MOST_CHANNELS = 20_000
 _LONGEST_UNIT = 40
@@ -176,6 +176,11 @@ class Column:
     def whole(self) -> NDArray[np.float64]:
         """Return what came so far."""
         return self._values[: self._count]
+
+
+def piece_rows(numbers: int) -> int:
+    """Return how many rows a piece has, by the numbers that each takes in memory."""
+    return max(1, min(PIECE_ROWS, _PIECE_NUMBERS // max(1, numbers)))
 
 
 def spans(rows: int, most: int = PIECE_ROWS) -> Iterator[tuple[int, int]]:

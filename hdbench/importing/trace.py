@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.convert import Conversion, Derived, derived_columns
+from hdbench.importing.convert import Conversion, Derived, derived_columns, is_alike, pace_ratio
 from hdbench.importing.source import Column, Source, listed
 from hdbench.records.trace import FloatArray, Trace
 
@@ -339,7 +339,9 @@ def joined_trace(
         columns[name] = np.concatenate([read.columns[name] for read in reads])
     _check_doubles(columns["time_s"], reads[0].source)
     new, steps = derived_columns(columns, derived, str(reads[0].source.path))
-    notes = tuple(note for read in reads for note in read.notes)
+    whole = {**columns, **new}
+    notes = [note for read in reads for note in read.notes]
+    notes += _doubts(whole)
     origin = None if keep_time else Decimal(start.numerator) / Decimal(start.denominator)
     first = parts[0].conversions
     done = {name: c.told() for name, c in first.items() if not name.startswith("time_s of ")}
@@ -349,8 +351,22 @@ def joined_trace(
     done |= {name: [f"every row is {text}"] for name, text in parts[0].constants.items()}
     if rate_hz is not None:
         done["time_s"] = [f"counted at {rate_hz!r} Hz, as given by --rate"]
-    trace = Trace({**columns, **new}, str(reads[0].source.path))
-    return Joined(trace, origin, {**done, **steps}, notes)
+    trace = Trace(whole, str(reads[0].source.path))
+    return Joined(trace, origin, {**done, **steps}, tuple(notes))
+
+
+def _doubts(columns: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Yield the rate that the times mean, and where angle and velocity tell of unlike motions."""
+    time = columns["time_s"]
+    yield f"{time[-1] - time[0]:.6g} s at {_rate(time):.5g} Hz"
+    if not {"motor_angle_rad", "motor_velocity_rad_s"} <= columns.keys():
+        return
+    ratio = pace_ratio(time, columns["motor_angle_rad"], columns["motor_velocity_rad_s"])
+    if ratio is not None and not is_alike(ratio):
+        yield (
+            f"doubtful: motor_velocity_rad_s is {ratio:.4g} times the rate of motor_angle_rad: "
+            "one of them has another unit, side of the gear or sign"
+        )
 
 
 def _check_doubles(time: FloatArray, source: Source) -> None:

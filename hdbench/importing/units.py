@@ -46,6 +46,7 @@ _SCALES: dict[str, dict[str, Decimal]] = {
     "rad/s": {
         **dict.fromkeys(("rad/s", "rad/sec", "rad s-1", "radians/s"), Decimal(1)),
         **dict.fromkeys(("rpm", "1/min", "min-1", "min^-1", "r/min", "u/min"), _PER_RPM),
+        **dict.fromkeys(("tr/min", "giri/min", "upm"), _PER_RPM),
         **dict.fromkeys(("deg/s", "°/s", "degrees/s"), _PER_DEGREE),
         **dict.fromkeys(("rev/s", "1/s"), _PER_TURN),
         **dict.fromkeys(("deg/sec", "°/sec", "dps"), _PER_DEGREE),
@@ -58,7 +59,9 @@ _SCALES: dict[str, dict[str, Decimal]] = {
     "rad": {
         **dict.fromkeys(("rad", "radian", "radians"), Decimal(1)),
         "mrad": Decimal("0.001"),
-        **dict.fromkeys(("deg", "°", "degree", "degrees"), _PER_DEGREE),
+        **dict.fromkeys(
+            ("deg", "°", "degree", "degrees", "degrés", "gradi", "grados"), _PER_DEGREE
+        ),
         **dict.fromkeys(("rev", "turns", "turn"), _PER_TURN),
     },
     "N m": {
@@ -106,10 +109,9 @@ def _parted(header: str) -> tuple[str, str]:
     if match and _spelled(match["unit"], "N m") in _SCALES["N m"]:
         return match["name"], match["unit"]
     match = _BEHIND.fullmatch(header)
+    name, unit = (match["name"], match["unit"]) if match else (header, header)
     # one letter, or that of the least value, may mean anything
-    if match and len(match["unit"]) > 1 and match["unit"] != "min" and known_unit(match["unit"]):
-        return match["name"], match["unit"]
-    return header, ""
+    return (name, unit) if len(unit) > 1 and unit != "min" and known_unit(unit) else (header, "")
 
 
 def stated_unit(header: str) -> str:

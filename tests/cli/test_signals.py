@@ -47,7 +47,7 @@ def serving(folder: Path, text: str) -> Iterator[Served]:
     )
     yield Served(process, profile, record)
     process.terminate()
-    process.wait(timeout=10)
+    process.wait(timeout=60)
     process.stdout.close()
 
 

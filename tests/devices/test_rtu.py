@@ -36,7 +36,7 @@ from hdbench.system import lines
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 
 # what two cores shared with other work may add to a wait, s
-SLACK_S = 0.15
+SLACK_S = 0.5
 
 
 def _open(address, **changes):
@@ -153,7 +153,7 @@ def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
             assert host.stdout.readline() == b"moving\n"
             assert lock._holder_in(lock._held(address)).pid == host.pid
             assert stop_bench(replies.PROFILE, address=address).confirmed
-            assert host.wait(5) != 0
+            assert host.wait(60) != 0
         finally:
             host.kill()
             host.communicate()
@@ -348,8 +348,8 @@ def test_a_line_that_somebody_else_reads_is_not_taken_for_unplugged(monkeypatch)
         start_s = time.monotonic()
         watch = Stopwatch()
         with pytest.raises(FrameError, match="another program reads from this port"):
-            link.transact(pdu, check, start_s + 0.2)
-        assert watch.s < 0.22 + SLACK_S
+            link.transact(pdu, check, start_s + 0.5)
+        assert watch.s < 0.55 + SLACK_S
         monkeypatch.undo()
         assert link.transact(pdu, check, time.monotonic() + 1.0)[2:] == b"\0\1\0\1"
         link.close()

@@ -125,10 +125,10 @@ def until_stopped(words: list[str]) -> int:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         assert process.stdout is not None
         # it works when it has said something
-        assert process.stdout.read(1), process.wait(timeout=20.0)
+        assert process.stdout.read(1), process.wait(timeout=60.0)
         process.send_signal(signal.SIGINT)
         process.stdout.read()
-        return process.wait(timeout=20.0)
+        return process.wait(timeout=60.0)
 
 
 def write_log(trace: Path, target: Path) -> None:

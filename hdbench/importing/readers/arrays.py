@@ -15,6 +15,7 @@ from hdbench.importing.source import (
     Piece,
     Source,
     numbers,
+    piece_rows,
     spans,
     spelled,
 )
@@ -105,8 +106,10 @@ class ArraySource(Source):
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield rows of the arrays."""
         columns = {name: self._columns[name] for name in names}
-        rows = next(iter(columns.values())).array.shape[0]
-        for start, count in spans(rows):
+        arrays = {id(column.array): column.array for column in columns.values()}
+        rows = next(iter(arrays.values())).shape[0]
+        most = piece_rows(sum(a.dtype.itemsize * (*a.shape, 1)[1] // 8 for a in arrays.values()))
+        for start, count in spans(rows, most):
             read: dict[int, NDArray[Any]] = {}
             piece = {}
             for name, column in columns.items():

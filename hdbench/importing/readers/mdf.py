@@ -19,6 +19,7 @@ from hdbench.importing.source import (
     Source,
     damaged,
     numbers,
+    piece_rows,
     spans,
     spelled,
     text_cells,
@@ -65,7 +66,7 @@ class _MdfSource(Source):
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         rows = next(c.rows for c in self.channels if c.name == names[0]) or 0
-        for start, count in spans(rows):
+        for start, count in spans(rows, piece_rows(len(names))):
             piece = {name: self._read(name, start, count) for name in names}
             if any(len(values) != count for values in piece.values()):
                 raise damaged(self.path, _FORM, f"a group ends before its {rows} records")

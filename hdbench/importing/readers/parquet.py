@@ -11,11 +11,11 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     numbers,
+    piece_rows,
     text_cells,
 )
 from hdbench.importing.units import is_time_name, stated_unit
@@ -54,7 +54,7 @@ class _ParquetSource(Source):
             raise DataError(
                 "a column name occurs twice", where=str(self.path), fix="write it again"
             )
-        batches = self._file.iter_batches(PIECE_ROWS, columns=list(wanted.values()))
+        batches = self._file.iter_batches(piece_rows(len(names)), columns=list(wanted.values()))
         for batch in batches:
             yield {name: _array(batch.column(column)) for name, column in wanted.items()}
 

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
+    piece_rows,
     spelled,
 )
 
@@ -283,8 +283,10 @@ class _RosSource(Source):
         clocks = {c.name: c.clock for c in self.channels}
         getters = {name: self._getters[name] for name in names}
         messages = self._messages(self._topics[clocks[names[0]]])
-        while part := list(itertools.islice(messages, PIECE_ROWS)):
-            yield self._piece(part, getters)
+        for first in messages:
+            # others of a topic are about as long
+            rest = itertools.islice(messages, piece_rows(len(first[2]) // 4) - 1)
+            yield self._piece([first, *rest], getters)
 
     def _piece(
         self, messages: Sequence[tuple[int, str, bytes]], getters: Mapping[str, _Getter]

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     damaged,
     finite_or_nan,
     numbers,
+    piece_rows,
     spans,
     spelled,
 )
@@ -71,10 +71,10 @@ class _TdmsSource(Source):
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         rows = next(c.rows for c in self.channels if c.name == names[0]) or 0
         # the library reads what was written at once whole, whatever part of it is asked for
-        most = rows if 8 * rows * len(names) <= _WHOLE_BYTES else PIECE_ROWS
+        most = rows if 8 * rows * len(names) <= _WHOLE_BYTES else piece_rows(len(names))
         for first, many in spans(rows, most):
             read = {name: self._read(name, first, many) for name in names}
-            for start, count in spans(many):
+            for start, count in spans(many, piece_rows(len(names))):
                 yield {name: values[start : start + count] for name, values in read.items()}
 
     def _read(self, name: str, start: int, count: int) -> NDArray[Any]:

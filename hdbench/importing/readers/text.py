@@ -26,11 +26,11 @@ from hdbench.importing.layout import (
     text_layout,
 )
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     damaged,
+    piece_rows,
     text_cells,
     told_apart,
 )
@@ -131,9 +131,11 @@ class CellsSource(Source):
                 }
                 done += len(values[0])
         kept: list[list[Any]] = []
+        # a cell of text takes as much memory as eight numbers
+        most = piece_rows(8 * table.layout.width)
         for _, row in table.rows(done):
             kept.append(row)
-            if len(kept) == PIECE_ROWS:
+            if len(kept) == most:
                 yield self._piece(kept, columns)
                 kept = []
         if kept:
