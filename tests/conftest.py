@@ -6,6 +6,7 @@ The suite says whether a change is good; looking for new inputs is the work of
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from typing import Any
@@ -28,6 +29,41 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 @pytest.fixture
+def hdbench(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]]:
+    """Return a function that runs a command line in this process."""
+    from hdbench_cli.main import main
+
+    def run(*words: object, code: int = 0) -> tuple[str, str]:
+        """Return stdout and stderr of a command that ends with `code`."""
+        with pytest.raises(SystemExit) as end:
+            main([str(word) for word in words])
+        shown = capsys.readouterr()
+        assert end.value.code == code, shown.err
+        return shown.out, shown.err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def changed_profile() -> Callable[..., str]:
+    """Return a function that changes keys in tables of the report's profile, for its text."""
+    from hdbench.profile import load_profile
+
+    def changed(**tables: dict[str, object]) -> str:
+        table, lines = "", []
+        for line in load_profile("cim-tr-97-06").text.splitlines():
+            table = line.strip("[]") if line.startswith("[") else table
+            key = line.partition(" = ")[0]
+            if key in tables.get(table, {}):
+                line = f"{key} = {json.dumps(tables[table].pop(key))}"
+            lines.append(line)
+        assert not any(tables.values()), tables
+        return "\n".join(lines)
+
+    return changed
+
+
+@pytest.fixture(scope="session")
 def named_cause() -> Callable[..., dict[str, Any]]:
     """Return a function that makes a cause of a stored diagnosis from its name and parameters."""
 

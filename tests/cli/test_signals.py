@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.profile import load_profile
 from hdbench_cli import main as main_module
 from hdbench_cli.output import Output
 
@@ -36,12 +35,9 @@ class Served:
 
 
 @contextmanager
-def serving(folder: Path) -> Iterator[Served]:
+def serving(folder: Path, text: str) -> Iterator[Served]:
     record, profile = folder / "motor.jsonl", folder / "bench.toml"
-    text = load_profile("cim-tr-97-06").text
-    # the longest that there are: a busy machine misses no deadline and trips no watchdog
-    text = text.replace("watchdog_s = 0.5 ", "watchdog_s = 2.0 ")
-    profile.write_text(text.replace("deadline_s = 0.25 ", "deadline_s = 1.0 "))
+    profile.write_text(text)
     words = ["--profile", str(profile), "--record", str(record)]
     process = subprocess.Popen(
         [*RUN, "emulate", "--pace", "realtime", *words, "--json"],
@@ -56,8 +52,15 @@ def serving(folder: Path) -> Iterator[Served]:
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    with serving(tmp_path_factory.mktemp("served")) as bench:
+def text(changed_profile) -> str:
+    """Return a profile in which a busy machine misses no deadline and trips no watchdog."""
+    patient = {"watchdog_s": 2.0, "deadline_s": 1.0}
+    return changed_profile(daq=patient, calibration={"average_s": 0.2})
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory, text: str) -> Iterator[Served]:
+    with serving(tmp_path_factory.mktemp("served"), text) as bench:
         yield bench
 
 
@@ -136,9 +139,11 @@ def test_a_signal_during_a_calibration_keeps_the_readings(served: Served, tmp_pa
     assert "loads.csv" in run["files"]  # type: ignore[operator]
 
 
-def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path: Path) -> None:
+def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(
+    tmp_path: Path, text: str
+) -> None:
     out = tmp_path / "runs"
-    with serving(tmp_path) as bench:
+    with serving(tmp_path, text) as bench:
         process = start(bench, out)
         wait_for(lambda: journal_size(out) > 50_000)
         os.kill(process.pid, signal.SIGKILL)
@@ -165,9 +170,9 @@ def test_a_second_run_on_the_same_bench_is_refused(served: Served, tmp_path: Pat
     assert first.returncode == 130
 
 
-def test_a_bench_that_dies_ends_the_run_loudly(tmp_path: Path) -> None:
+def test_a_bench_that_dies_ends_the_run_loudly(tmp_path: Path, text: str) -> None:
     out = tmp_path / "runs"
-    with serving(tmp_path) as bench:
+    with serving(tmp_path, text) as bench:
         process = start(bench, out)
         wait_for(lambda: journal_size(out) > 20_000)
         bench.process.kill()

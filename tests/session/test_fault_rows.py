@@ -47,7 +47,7 @@ def test_a_person_who_does_not_say_yes_moves_nothing(tmp_path):
 
 @on_linux
 @needs_compiler
-@pytest.mark.parametrize(("campaign", "trials"), [(disk.full_disks, 6), (disk.failing_disks, 8)])
+@pytest.mark.parametrize(("campaign", "trials"), [(disk.full_disks, 3), (disk.failing_disks, 4)])
 def test_the_first_writes_and_syncs_that_fail(tmp_path, campaign, trials):
     """Writes 1, 2, ... and syncs 1, 2, ... of a run; the campaign does the first 200."""
     row = campaign(tmp_path, trials, 0)
