@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tuning_campaign
 from kernel_models import filter_model, louder, new_state, order_block, run
 from numpy.testing import assert_allclose
-from tuning_traces import campaign, channels, needs_compiled_kernel, turning
+from tuning_traces import channels, needs_compiled_kernel, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import (
@@ -176,8 +177,8 @@ def test_torque_in_other_units_scales_every_noise(tuned):
 def test_a_tuned_filter_keeps_the_torque_and_takes_the_ripple(bench):
     """Reduced form of tools/tuning_campaign.py: one seed, shorter traces."""
     needs_compiled_kernel()
-    tool = campaign()
-    row = tool.one(tool.SCENARIOS["2 Hz low-pass noise"], 3, 26.0)
+    scenario = tuning_campaign.SCENARIOS["2 Hz low-pass noise"]
+    row = tuning_campaign.one(scenario, 3, 26.0)
     assert row["converged"]
     assert row["ratio"] <= 1.35
     assert min(row["suppression_db"]) >= 30.0

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,18 +19,6 @@ def needs_compiled_kernel():
         kernel_form("c")
     except ValueError:
         pytest.skip("the C kernel was not compiled here")
-
-
-def campaign():
-    """Return tools/tuning_campaign.py as a module."""
-    name = "tuning_campaign"
-    if name not in sys.modules:
-        path = Path(__file__).parents[2] / "tools" / f"{name}.py"
-        spec = importlib.util.spec_from_file_location(name, path)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
 
 
 def channels(t, v, y, angle=None, source="test.csv"):
