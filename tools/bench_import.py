@@ -127,7 +127,7 @@ def _ours(path: Path) -> Any:
     for clock in dict.fromkeys(c.clock for c in source.channels):
         names = [c.name for c in source.channels if c.clock == clock]
         source.rounded = frozenset(names)
-        for piece in source.pieces(names):
+        for piece in source.read(names):
             for name in names:
                 columns[name].add(piece[name])
     source.close()

@@ -107,7 +107,7 @@ def read_numbers(
     words = dict.fromkeys(names, False)
     rows = 0
     source.rounded = frozenset(names)
-    for piece in source.pieces(names):
+    for piece in source.read(names):
         for name in names:
             values, found = _values(source, piece[name])
             columns[name].add(values)

@@ -12,7 +12,7 @@ from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.mapping import ColumnMap, Constant, parse_constant, parse_map
+from hdbench.importing.mapping import Entry, parse_constant, parse_map
 from hdbench.importing.source import Asked
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
@@ -114,11 +114,11 @@ class Recipe:
                 words += [_OPTIONS[name], *([] if value is True else [str(value)])]
         return words
 
-    def maps(self) -> list[ColumnMap]:
+    def maps(self) -> list[Entry]:
         """Return where columns come from."""
         return [parse_map(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.map.items()]
 
-    def constants(self) -> list[Constant]:
+    def constants(self) -> list[Entry]:
         """Return the columns with one value."""
         return [parse_constant(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.set.items()]
 

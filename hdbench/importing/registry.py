@@ -63,7 +63,8 @@ class Format:
     begins : callable
         Whether a file that begins with these bytes is of this kind.
     library, extra : str
-        What reads it, and the extra that brings it; empty where nothing has to be installed.
+        What reads it in a process of its own, and the extra that brings it; empty where there is
+        none.
     """
 
     name: str
@@ -114,7 +115,8 @@ def _json(head: bytes, _path: Path) -> bool:
 FORMATS = (
     Format("Excel workbook", "excel", (".xlsx", ".xlsm"), _zip_with("xl/"), "openpyxl", "excel"),
     Format("NumPy file", "npz", (".npz", ".npy"), _numpy),
-    Format("MATLAB 5 file", "mat5", (".mat",), _magic(b"MATLAB 5.0 MAT-file")),
+    # SciPy is always there; some damaged files crash it
+    Format("MATLAB 5 file", "mat5", (".mat",), _magic(b"MATLAB 5.0 MAT-file"), "scipy.io"),
     Format("HDF5 file", "hdf5", (".mat", ".h5", ".hdf5", ".hdf"), _hdf5, "h5py", "hdf5"),
     Format("Parquet file", "parquet", (".parquet",), _magic(b"PAR1"), "pyarrow", "parquet"),
     Format("TDMS file", "tdms", (".tdms",), _magic(b"TDSm"), "nptdms", "tdms"),
@@ -136,32 +138,6 @@ FORMATS = (
     ),
     Format("JSON file", "jsonrecords", (".json", ".jsonl", ".ndjson"), _json),
 )
-
-
-class _Guarded(Source):
-    """A source whose reader may raise anything on damaged bytes; here it becomes our error."""
-
-    def __init__(self, inner: Source) -> None:
-        super().__init__(inner.path, inner.form)
-        self._inner = inner
-        self.channels, self.notes = inner.channels, inner.notes
-        self.decimal_comma = inner.decimal_comma
-
-    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
-        """Yield what the reader yields."""
-        self._inner.rounded = self.rounded
-        try:
-            yield from self._inner.pieces(names)
-        except Exception as error:
-            raise told(self.path, self.form, error) from error
-
-    def place(self, row: int) -> str:
-        """Return what the reader returns."""
-        return self._inner.place(row)
-
-    def close(self) -> None:
-        """Close the reader."""
-        self._inner.close()
 
 
 def _head(path: Path) -> bytes:
@@ -214,14 +190,13 @@ def open_source(
     except Exception as error:
         form = "text" if kind is None else kind.name
         raise told(path, form, error) from error
-    guarded = _Guarded(source)
-    if not guarded.channels:
-        guarded.close()
+    if not source.channels:
+        source.close()
         what = f"no channel of numbers in this {source.form}; needed: at least one"
         raise DataError(what, where=str(path), fix="check the file, or record again")
     if asked is not None:
-        guarded.keep(asked)
-    return guarded
+        source.keep(asked)
+    return source
 
 
 def _opened(path: Path, kind: Format | None, layout: ForeignFormat | None) -> Source:

@@ -128,6 +128,13 @@ class Source(ABC):
         of text are arrays of str objects.
         """
 
+    def read(self, names: Sequence[str]) -> Iterator[Piece]:
+        """Yield the pieces; whatever a library raises on damaged bytes becomes our error."""
+        try:
+            yield from self.pieces(names)
+        except Exception as error:
+            raise told(self.path, self.form, error) from error
+
     def own_time(self, clock: str) -> Channel | None:
         """Return the channel that the file names as the time of a clock."""
         return next((c for c in self.channels if c.is_time and c.clock == clock), None)
@@ -247,7 +254,8 @@ def told(path: Path, form: str, error: Exception) -> HdbenchError:
     if isinstance(error, HdbenchError):
         return error
     if isinstance(error, MemoryError):
-        return damaged(path, form, "it asks for more memory than there is")
+        error = damaged(path, form, "it asks for more memory than there is")
+        return DataError(error.what, where=error.where, fix=f"split it, or {error.fix}")
     if isinstance(error, PermissionError):
         return DataError("cannot read: no right to", where=str(path), fix="ask for the right to it")
     return damaged(path, form, error)

@@ -95,10 +95,7 @@ def _check_times(conversion: Conversion, time: FloatArray, row: int, last: float
 
 
 def _clock(
-    source: Source,
-    conversions: Sequence[Conversion],
-    time: Conversion | None,
-    keep_time: bool,
+    source: Source, conversions: Sequence[Conversion], time: Conversion | None, keep_time: bool
 ) -> tuple[Fraction, FloatArray, dict[str, FloatArray]]:
     """Read the channels of one clock, with its times where they are in the file."""
     names = list(dict.fromkeys(c.column.channel.name for c in conversions))
@@ -115,7 +112,7 @@ def _clock(
         if all(c.as_it_is for c in conversions if c.column.channel.name == name)
         and (time is None or time.column.channel.name != name)
     )
-    for piece in source.pieces(list(dict.fromkeys(wanted))):
+    for piece in source.read(list(dict.fromkeys(wanted))):
         count = len(next(iter(piece.values())))
         if not count:
             continue
@@ -164,7 +161,8 @@ def _constant(name: str, text: str) -> float:
     return value
 
 
-def _no_time(source: Source) -> DataError:
+def no_time(source: Source) -> DataError:
+    """Return the error of a log without a time."""
     return DataError(
         "no time column; needed: the time of every row, or the sample rate",
         where=str(source.path),
@@ -199,7 +197,7 @@ def _read(part: Part, rate: Fraction | None, keep_time: bool) -> _Read:
         return _with_constants(part, _Read(part.source, Fraction(0), time, columns))
     times = {clock: _time_of(part, clock) for clock in by_clock}
     if any(time is None for time in times.values()):
-        raise _no_time(part.source)
+        raise no_time(part.source)
     read = {c: _clock(part.source, by_clock[c], times[c], keep_time) for c in by_clock}
     start, time, columns = read.pop(main)
     notes = []

@@ -82,10 +82,7 @@ _SCALES: dict[str, dict[str, Decimal]] = {
         **dict.fromkeys(("mv", "millivolt", "millivolts"), Decimal("0.001")),
         **dict.fromkeys(("uv", "µv", "μv"), Decimal("0.000001")),
     },
-    "A": {
-        **dict.fromkeys(("a", "amp", "amps", "ampere"), Decimal(1)),
-        "ma": Decimal("0.001"),
-    },
+    "A": {**dict.fromkeys(("a", "amp", "amps", "ampere"), Decimal(1)), "ma": Decimal("0.001")},
     "degC": dict.fromkeys(("c", "°c", "degc", "deg c"), Decimal(1)),
     "kg": {"kg": Decimal(1), "g": Decimal("0.001"), "lb": _POUND_KG, "lbs": _POUND_KG},
 }

@@ -409,8 +409,12 @@ def test_the_next_command_follows_the_work() -> None:
         "hdbench run-ripple --misalignment 'runs/a b' --calibration runs/c --profile mine.toml"
     )
     assert after_run("ripple", folder, {}) == "hdbench diagnose 'runs/a b'"
-    assert after_import("loads", Path("l.csv"), ()) == "hdbench calibrate --from l.csv"
-    assert after_import("trace", Path("t.csv"), ("torque_v",)) == ""
+    assert after_import("loads", Path("l.csv"), (), None) == "hdbench calibrate --from l.csv"
+    assert after_import("trace", Path("t.csv"), ("torque_v",), None) == ""
+    made = "hdbench profile new drive --from t.csv --out drive.toml"
+    assert after_import("trace", Path("t.csv"), ("tacho_v",), None) == made
+    told = "hdbench diagnose t.csv --profile a.toml"
+    assert after_import("trace", Path("t.csv"), ("tacho_v",), "a.toml") == told
     assert "--model t.json" in after_tune(Path("t.json"))
 
 

@@ -121,6 +121,13 @@ def test_channels_that_cannot_be_used_are_refused_in_every_format(
     assert list(tmp_path.iterdir()) == [file]
 
 
+@pytest.mark.parametrize("form", forms("mat5", "hdf5", "parquet", "tdms", "mdf", "db3"))
+def test_compiled_libraries_read_where_their_crash_is_an_error(form: str, tmp_path: Path) -> None:
+    source = open_source(write_sample(form, tmp_path))
+    assert isinstance(source, IsolatedSource)
+    source.close()
+
+
 def library(monkeypatch: pytest.MonkeyPatch, folder: Path, code: str) -> Path:
     """Make a library that can be imported, and a file to read with it."""
     (folder / "a_library.py").write_text(code)

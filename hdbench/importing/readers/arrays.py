@@ -10,15 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.importing.source import (
-    Channel,
-    Piece,
-    Source,
-    numbers,
-    piece_rows,
-    spans,
-    spelled,
-)
+from hdbench.importing.source import Channel, Piece, Source, numbers, piece_rows, spans, spelled
 from hdbench.importing.units import is_time_name, stated_unit
 
 # columns of one matrix that are channels; a matrix that is wider either way is no set of channels

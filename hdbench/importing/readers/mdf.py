@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.errors import DataError
 from hdbench.importing.source import (
     Channel,
     Piece,
@@ -99,11 +98,7 @@ def open_file(path: Path) -> Source:
     """Open an MDF file."""
     asammdf: Any = importlib.import_module("asammdf")
     if path.stat().st_size < 64 + 104:
-        raise DataError(
-            f"damaged {_FORM}: {path.stat().st_size} bytes; needed: its header",
-            where=str(path),
-            fix="copy the file again",
-        )
+        raise damaged(path, _FORM, f"{path.stat().st_size} bytes, less than its header")
     # by its path the library would read a channel whole for each piece of it
     file = asammdf.MDF(path.open("rb"))
     try:

@@ -10,14 +10,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.importing.source import (
-    Channel,
-    Piece,
-    Source,
-    numbers,
-    piece_rows,
-    text_cells,
-)
+from hdbench.importing.source import Channel, Piece, Source, numbers, piece_rows, text_cells
 from hdbench.importing.units import is_time_name, stated_unit
 
 _FORM = "Parquet file"
