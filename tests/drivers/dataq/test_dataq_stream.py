@@ -48,7 +48,7 @@ def test_a_period_that_a_model_does_not_have_is_refused(model, period_s, average
         choose_rate(MODELS[model], 4, period_s, average)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(st.sampled_from(sorted(MODELS)), st.integers(1, 6), st.floats(2e-4, 1.0))
 def test_every_setting_keeps_the_model_s_limits(name, entries, period_s):
     model = MODELS[name]
