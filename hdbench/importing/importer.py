@@ -69,12 +69,7 @@ class ImportReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as ``--json`` prints it."""
-        return {
-            **asdict(self),
-            "out": str(self.out),
-            "columns": [*self.columns],
-            "notes": [*self.notes],
-        }
+        return {**asdict(self), "out": str(self.out)}
 
 
 def _sources(

@@ -94,11 +94,7 @@ def _seconds_since(start: object, begin: np.datetime64 | None) -> float:
     """Return the start of a waveform after the first one of the file, s."""
     if begin is None or not isinstance(start, np.datetime64) or np.isnat(start):
         return 0.0
-    return float(_ns(start) - _ns(begin)) * 1e-9
-
-
-def _ns(time: np.datetime64) -> int:
-    return int(np.array([time], dtype="M8[ns]").astype(np.int64)[0])
+    return float((start - begin) / np.timedelta64(1, "s"))
 
 
 def open_file(path: Path) -> Source:
