@@ -14,6 +14,9 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
+from hdbench.model import Cause
+from hdbench.profile import Profile, load_profile
+
 settings.register_profile(
     "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
@@ -45,13 +48,17 @@ def hdbench(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]
 
 
 @pytest.fixture(scope="session")
-def changed_profile() -> Callable[..., str]:
+def profile() -> Profile:
+    return load_profile("cim-tr-97-06")
+
+
+@pytest.fixture(scope="session")
+def changed_profile(profile: Profile) -> Callable[..., str]:
     """Return a function that changes keys in tables of the report's profile, for its text."""
-    from hdbench.profile import load_profile
 
     def changed(**tables: dict[str, object]) -> str:
         table, lines = "", []
-        for line in load_profile("cim-tr-97-06").text.splitlines():
+        for line in profile.text.splitlines():
             table = line.strip("[]") if line.startswith("[") else table
             key = line.partition(" = ")[0]
             if key in tables.get(table, {}):
@@ -61,6 +68,20 @@ def changed_profile() -> Callable[..., str]:
         return "\n".join(lines)
 
     return changed
+
+
+@pytest.fixture(scope="session")
+def middle_shape() -> Callable[[Cause], dict[str, float]]:
+    """Return a function that gives the shape of a cause in the middle of its bounds."""
+
+    def middle(cause: Cause) -> dict[str, float]:
+        shape = {}
+        for parameter in cause.shape:
+            low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
+            shape[parameter.name] = (low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high)
+        return shape
+
+    return middle
 
 
 @pytest.fixture(scope="session")

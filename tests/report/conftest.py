@@ -12,13 +12,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import bench_runs as bench
 
-from hdbench.profile import Profile, load_profile
+from hdbench.profile import Profile
 from hdbench.report import ReportFiles, write_report
-
-
-@pytest.fixture(scope="session")
-def profile() -> Profile:
-    return load_profile("cim-tr-97-06")
 
 
 @pytest.fixture(scope="session")

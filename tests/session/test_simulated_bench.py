@@ -166,7 +166,7 @@ def test_the_channel_survives_what_is_no_order():
         host, _, port = str(found["control"]).removeprefix("tcp://").rpartition(":")
         assert host == "127.0.0.1"
         for line in NO_ORDER:
-            with socket.create_connection((host, int(port)), timeout=5.0) as link:
+            with socket.create_connection((host, int(port)), timeout=60.0) as link:
                 link.sendall(line)
                 assert json.loads(link.makefile().readline())["refused"]
         with open_bench(data, address=str(found["address"]), control=str(found["control"])):
@@ -196,4 +196,4 @@ def test_what_is_no_control_channel_is_told():
             ):
                 pass
             assert "--control" in caught.value.fix
-            thread.join(5.0)
+            thread.join(60.0)

@@ -277,9 +277,10 @@ def _reader(descriptor: int, ended: threading.Event) -> Read:
     def read() -> bytes:
         while not ended.is_set():
             if select.select([descriptor], (), (), _GRAIN_S)[0]:
-                # a flush at the other end may take what was there
+                # whoever else opens the line may take what was there, or change its settings
                 with contextlib.suppress(BlockingIOError):
-                    return os.read(descriptor, _CHUNK)
+                    if data := os.read(descriptor, _CHUNK):
+                        return data
         return b""
 
     return read

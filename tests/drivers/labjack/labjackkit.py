@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from faults.lines import in_thread
-from served import InThread, read_all
+from served import InThread
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.driver import open_daq
-from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.instrument import DeviceClock, ElectricalSamples, SimulatedInstrument
 from hdbench.devices.emulator.serving import EmulatorSettings
 from hdbench.devices.wire import parse_address
 from hdbench.drivers.labjack.driver import LabJackDaq
@@ -23,8 +23,6 @@ from hdbench.drivers.labjack.emulator.streaming import Wiring
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
-
-__all__ = ["PROFILE", "Served", "driver", "read_all", "served", "settings", "table_for", "values"]
 
 PROFILE = load_profile("labjack-t7").data
 ROLES = ("torque", "tacho", "current", "reference", "encoder")
@@ -98,3 +96,40 @@ def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = RO
 def values(blocks: list[ScanBlock]) -> np.ndarray:
     """Return all scans of adjacent blocks."""
     return np.concatenate([block.values for block in blocks])
+
+
+def turning(daq: LabJackDaq, n_samples: int, reference_v: float) -> None:
+    """Start an acquisition with the watchdog armed and the motor on."""
+    daq.configure(settings(n_samples))
+    daq.start()
+    daq.arm_watchdog(1.0)
+    daq.enable(on=True)
+    daq.write_output("reference", reference_v)
+
+
+def noted_writes(device: Served) -> list[int]:
+    """Return the list in which the device notes the address of every write from now on."""
+    addresses: list[int] = []
+    write = device.device.memory.write
+
+    def noting(space: str, address: int, raw: bytes) -> None:
+        addresses.append(address)
+        write(space, address, raw)
+
+    device.device.memory.write = noting
+    return addresses
+
+
+def noted_samples(device: Served) -> list[ElectricalSamples]:
+    """Return the list in which the device notes what it samples while it streams."""
+    taken: list[ElectricalSamples] = []
+    take = device.instrument.take
+
+    def noting(count: int) -> ElectricalSamples:
+        samples = take(count)
+        if device.instrument.sampling:
+            taken.append(samples)
+        return samples
+
+    device.instrument.take = noting
+    return taken

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 from faults.lines import faulty_tcp
 from faults.mangler import Mangler, TcpFraming
-from labjackkit import PROFILE, driver, read_all, served, settings, table_for, values
-from served import disturb
+from labjackkit import (
+    PROFILE,
+    driver,
+    noted_samples,
+    noted_writes,
+    served,
+    settings,
+    table_for,
+    values,
+)
+from served import disturb, read_all
 
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
@@ -80,14 +89,7 @@ def test_no_fault_of_the_control_port_gives_a_wrong_value(kind):
 def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
     register = SESSION[0]
     with served() as device:
-        writes = []
-        write = device.device.memory.write
-
-        def spy(space: str, address: int, raw: bytes) -> None:
-            writes.append(address)
-            write(space, address, raw)
-
-        device.device.memory.write = spy
+        writes = noted_writes(device)
         mangler = Mangler(kind, TcpFraming(), seed=2)
         with faulty_tcp(device.host, device.port, mangler) as (host, port):
             link = connect(parse_address(f"tcp://{host}:{port}"))
@@ -152,15 +154,7 @@ def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
         device.device.stream.tick = lambda *, blocked: [
             changed for packet in tick(blocked=blocked) for changed in change(packet)
         ]
-        taken = []
-        take = device.instrument.take
-
-        def tee(count):
-            samples = take(count)
-            taken.append(samples)
-            return samples
-
-        device.instrument.take = tee
+        taken = noted_samples(device)
         daq.claim()
         daq.configure(settings(400))
         daq.start()
