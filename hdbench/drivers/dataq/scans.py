@@ -25,7 +25,7 @@ WRAP = 2**32
 class SignedCounter:
     """Turns a counter's edges into a position.
 
-    position(k) = position(k - 1) + sign(tacho(k - 1) + tacho(k)) * edges(k) * counts_per_edge, where
+    position(k) = position(k - 1) + sign(tacho(k - 1) + tacho(k)) * edges(k) * counts_per_edge:
     edges(k) came since sample k - 1, modulo 2**16: the sum has the sign of the larger part of the
     way where the motor turns round between two samples. An edge of the smaller part gets the wrong
     sign, and the position is off by two edges until another one makes up for it. The position is

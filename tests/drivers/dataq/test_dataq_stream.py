@@ -107,7 +107,8 @@ def test_a_counter_s_edges_get_the_direction_of_the_tacho():
     # two counts: the middle of what one edge leaves open
     assert list(found[[0, 70, 71, 72]]) == [2, 280_002, 279_982, 279_962]
     # an edge before the turn, and the sample after it
-    assert list(SignedCounter(4)(np.array([0.0, 10, 11]), np.array([1.0, 1.0, -0.2]))) == [2, 42, 46]
+    turned = SignedCounter(4)(np.array([0.0, 10, 11]), np.array([1.0, 1.0, -0.2]))
+    assert list(turned) == [2, 42, 46]
 
 
 # page 60 to 70 of the protocol: volts = range counts / 32768; 10 (i16 >> 4) / 2048 with 12 bits
