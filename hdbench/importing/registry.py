@@ -45,6 +45,7 @@ _SETTINGS = {
 _MOST_FILES = 200
 # what the process that reads puts its numbers into
 _SHARED_BYTES = 8 << 20
+_WORKBOOKS = (".xlsx", ".xlsm")
 _KINDS = ("<f8", "<i8", "<u8")
 
 
@@ -79,23 +80,19 @@ def _magic(*magic: bytes) -> Callable[[bytes, Path], bool]:
     return lambda head, _path: head.startswith(magic)
 
 
-def _zip_with(start: str) -> Callable[[bytes, Path], bool]:
-    def holds(head: bytes, path: Path) -> bool:
-        if not head.startswith(b"PK\x03\x04"):
-            return False
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return any(name.startswith(start) for name in archive.namelist())
-        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-            return False
-
-    return holds
+def _workbook(head: bytes, path: Path) -> bool:
+    if not head.startswith(b"PK\x03\x04"):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name.startswith("xl/") for name in archive.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return path.suffix.lower() in _WORKBOOKS
 
 
 def _numpy(head: bytes, path: Path) -> bool:
-    if head.startswith(b"\x93NUMPY"):
-        return True
-    return head.startswith(b"PK\x03\x04") and not _zip_with("xl/")(head, path)
+    packed = head.startswith(b"PK\x03\x04")
+    return head.startswith(b"\x93NUMPY") or (packed and not _workbook(head, path))
 
 
 def _hdf5(head: bytes, _path: Path) -> bool:
@@ -113,7 +110,7 @@ def _json(head: bytes, _path: Path) -> bool:
 
 
 FORMATS = (
-    Format("Excel workbook", "excel", (".xlsx", ".xlsm"), _zip_with("xl/"), "openpyxl", "excel"),
+    Format("Excel workbook", "excel", _WORKBOOKS, _workbook, "openpyxl", "excel"),
     Format("NumPy file", "npz", (".npz", ".npy"), _numpy),
     # SciPy is always there; some damaged files crash it
     Format("MATLAB 5 file", "mat5", (".mat",), _magic(b"MATLAB 5.0 MAT-file"), "scipy.io"),
