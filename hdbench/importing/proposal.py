@@ -347,7 +347,8 @@ def proposed_mapping(
             factor = f"*{word}"
             why = why.partition(": taken")[0]
             told = f", and {unlike}" if unlike and target in _TURNING else ""
-            needs.append(f"{word}: {target_unit(target)} per unit of it; none is stated{told}")
+            what = "the torque" if target == "torque_nm" else target_unit(target)
+            needs.append(f"{word}: {what} per count; it is not in the file{told}")
         elif fact.channel.unit and unit_scale(fact.channel.unit, target_unit(target)) is None:
             factor = f"*{target.upper()}_FACTOR"
             unit = f"{target_unit(target)} per {fact.channel.unit}"

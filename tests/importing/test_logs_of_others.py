@@ -188,7 +188,7 @@ TURNED = np.cumsum(SWING) * 0.01
         ("time", (1000.0 * TIME,), "@TIME_UNIT", "0.1 Hz"),
         ("t,position,velocity", (TIME, TURNED, SWING), "position", ""),
         ("t,position,velocity", (TIME, TURNED / 50.0, SWING), "_FACTOR", "50"),
-        ("t,position,velocity", (TIME, np.rint(4096 * TURNED), SWING), "_FACTOR", "none is stated"),
+        ("t,position,velocity", (TIME, np.rint(4e3 * TURNED), SWING), "_FACTOR", "not in the file"),
         ("t,angle [deg],speed [rpm]", (TIME, TURNED / DEGREE, SWING / RPM), "@deg", ""),
         ("t,angle [deg],speed [rpm]", (TIME, TURNED, SWING / RPM), "@deg", "57.3"),
         ("t,joint1_pos,joint1_vel", (TIME, TURNED, SWING), "joint1_pos", "gear ratio"),
