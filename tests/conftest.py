@@ -6,12 +6,16 @@ The suite says whether a change is good; looking for new inputs is the work of
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from hdbench.model import Cause
+from hdbench.profile import Profile, load_profile
 
 settings.register_profile(
     "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
@@ -28,6 +32,59 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 @pytest.fixture
+def hdbench(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]]:
+    """Return a function that runs a command line in this process."""
+    from hdbench_cli.main import main
+
+    def run(*words: object, code: int = 0) -> tuple[str, str]:
+        """Return stdout and stderr of a command that ends with `code`."""
+        with pytest.raises(SystemExit) as end:
+            main([str(word) for word in words])
+        shown = capsys.readouterr()
+        assert end.value.code == code, shown.err
+        return shown.out, shown.err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def profile() -> Profile:
+    return load_profile("cim-tr-97-06")
+
+
+@pytest.fixture(scope="session")
+def changed_profile(profile: Profile) -> Callable[..., str]:
+    """Return a function that changes keys in tables of the report's profile, for its text."""
+
+    def changed(**tables: dict[str, object]) -> str:
+        table, lines = "", []
+        for line in profile.text.splitlines():
+            table = line.strip("[]") if line.startswith("[") else table
+            key = line.partition(" = ")[0]
+            if key in tables.get(table, {}):
+                line = f"{key} = {json.dumps(tables[table].pop(key))}"
+            lines.append(line)
+        assert not any(tables.values()), tables
+        return "\n".join(lines)
+
+    return changed
+
+
+@pytest.fixture(scope="session")
+def middle_shape() -> Callable[[Cause], dict[str, float]]:
+    """Return a function that gives the shape of a cause in the middle of its bounds."""
+
+    def middle(cause: Cause) -> dict[str, float]:
+        shape = {}
+        for parameter in cause.shape:
+            low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
+            shape[parameter.name] = (low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high)
+        return shape
+
+    return middle
+
+
+@pytest.fixture(scope="session")
 def named_cause() -> Callable[..., dict[str, Any]]:
     """Return a function that makes a cause of a stored diagnosis from its name and parameters."""
 

@@ -1,17 +1,13 @@
 """Time one sample of the filter beside other libraries, in one run on one trace.
 
-Usage: python tools/bench_filter.py [--covariance N]
-
 `tools/bench.py` prints the table. A shared machine allows ratios only: the rounds of all contenders
 alternate, and processor time is counted (none of them uses a second thread). Ours starts from
 velocity and torque. Each library is timed two ways: with its 6 x 6 transition matrices made
 beforehand and not counted, and from the same velocity and torque, the matrices made within.
-Run as a program this shows the covariance's eigenvalues on the way over so many samples.
 """
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import math
 import shutil
@@ -252,20 +248,6 @@ def timed(work: dict[str, tuple[Work, int]]) -> dict[str, float]:
     return best
 
 
-def covariance(n: int) -> None:
-    """Run `n` samples and print the eigenvalues of P on the way."""
-    packed, chunk = model(), 1_000_000
-    t, v, y = trace(chunk)
-    state, size = new_state(packed), 6
-    for k in range(max(n // chunk, 1)):
-        run(packed, state, t + k * chunk * _PERIOD_S, v, y)
-        p = np.zeros((size, size))
-        p[np.tril_indices(size)] = state[-size * (size + 1) // 2 :]
-        values = np.linalg.eigvalsh(p + np.tril(p, -1).T)
-        if k % 10 == 9 or k == 0:
-            print(f"{(k + 1) * chunk:12d} samples: P from {values[0]:.6g} to {values[-1]:.6g}")
-
-
 @dataclass(frozen=True)
 class Row:
     """One line of the table.
@@ -318,14 +300,3 @@ def forms_apart(packed: FloatArray, n: int) -> float:
         for form in ("c", "numpy")
     )
     return float(np.abs(one - two).max())
-
-
-def main() -> None:
-    """Run the campaign of the covariance; `tools/bench.py` prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--covariance", type=int, default=100_000_000, help="samples to run over")
-    covariance(parser.parse_args().covariance)
-
-
-if __name__ == "__main__":
-    main()

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import multiprocessing
-import os
+import resource
 import sys
 import tempfile
 from collections.abc import Callable
@@ -120,24 +120,25 @@ FEWER = {"excel": 20, "db3": 10, "mcap": 10, "ros1": 10}
 def _ours(path: Path) -> Any:
     """Read every channel as `hdbench import` does before it converts."""
     from hdbench.importing.registry import end_reader, open_source
-    from hdbench.importing.text import ForeignFormat
+    from hdbench.importing.source import Column
 
-    source = open_source(path, ForeignFormat())
-    columns: dict[str, list[Any]] = {c.name: [] for c in source.channels}
+    source = open_source(path)
+    columns = {c.name: Column(c.rows) for c in source.channels}
     for clock in dict.fromkeys(c.clock for c in source.channels):
         names = [c.name for c in source.channels if c.clock == clock]
         source.rounded = frozenset(names)
-        for piece in source.pieces(names):
+        for piece in source.read(names):
             for name in names:
-                columns[name].append(np.asarray(piece[name], dtype=np.float64))
+                columns[name].add(piece[name])
     source.close()
     end_reader()
-    return {name: np.concatenate(parts) for name, parts in columns.items()}
+    return {name: column.whole() for name, column in columns.items()}
 
 
 def _time(work: Callable[[Path], Any], path: Path, end: Any) -> None:
     work(path)
-    end.send(sum(os.times()[:4]))
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    end.send(sum(one.ru_utime + one.ru_stime for one in used))
 
 
 def seconds(work: Callable[[Path], Any], path: Path) -> float:

@@ -2,20 +2,16 @@
 
 Runs are added, copied in, moved, changed by hand and deleted; the index is deleted and damaged;
 processes that update it are killed with -9; two processes list at once. After every step the list
-is held against what the folders say, read by code of its own.
-
-    python tools/index_histories.py --histories 200
+is held against what the folders say, read by code of its own: `make campaigns` walks through many.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
 import shutil
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -228,24 +224,3 @@ def run_history(seed: int, steps: int = 15) -> None:
                         f"history {seed}, step {number} ({step.__name__}): {found} but {real}"
                     )
                 time.sleep(draw.uniform(0.0, _LONGEST_PAUSE_S))
-
-
-def main() -> int:
-    """Walk through the histories and say how many were right to the end."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--histories", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first history")
-    asked = parser.parse_args()
-    wrong = []
-    for seed in range(asked.seed, asked.seed + asked.histories):
-        try:
-            run_history(seed)
-        except AssertionError as error:
-            wrong.append(str(error))
-            print(error)
-    print(f"{asked.histories - len(wrong)} of {asked.histories} histories: always the truth")
-    return 1 if wrong else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import subprocess
 import sys
 import tempfile
@@ -33,14 +32,13 @@ for words in json.loads(sys.argv[1]):
         codes.append(end.code or 0)
 sys.exit(json.dumps(codes) if any(codes) else 0)
 """
-# a bench with six weights to hang, and a ripple run of four seconds
+# a bench with six weights to hang, and a ripple run of four seconds: keys of tables
 _SMALL = {
-    "positions": "1",
-    "directions": '["cw"]',
-    "ranges": '["low"]',
-    "low_masses_kg": "[0.0, 0.5, 1.0]",
-}
-_SHORT = {"duration_s": "4.0", "frequency_hz": "0.5", "amplitude_v": "0.9"}
+    "calibration": {"positions": 1, "directions": ["cw"], "ranges": ["low"],
+                    "low_masses_kg": [0.0, 0.5, 1.0]},
+    "ripple": {"duration_s": 4.0},
+    "ripple.reference": {"frequency_hz": 0.5, "amplitude_v": 0.9},
+}  # fmt: skip
 
 
 def program(hidden: bool) -> str:
@@ -56,13 +54,13 @@ def program(hidden: bool) -> str:
 def small_profile(folder: Path) -> Path:
     """Write the report's bench with fewer weights and a shorter ripple run."""
     text = (Path(__file__).parents[1] / "profiles" / "cim-tr-97-06.toml").read_text("utf-8")
-    head, mark, tail = text.partition("\n[ripple]\n")
-    for key, value in _SMALL.items():
-        head = re.sub(rf"(?m)^{key} = [^#\n]*", f"{key} = {value} ", head, count=1)
-    for key, value in _SHORT.items():
-        tail = re.sub(rf"(?m)^{key} = [^#\n]*", f"{key} = {value} ", tail, count=1)
+    keys, lines = {}, []
+    for line in text.splitlines():
+        keys = _SMALL.get(line.strip("[]"), {}) if line.startswith("[") else keys
+        key = line.partition(" = ")[0]
+        lines.append(f"{key} = {json.dumps(keys[key])}" if key in keys else line)
     path = folder / "small.toml"
-    path.write_text(head + mark + tail, "utf-8")
+    path.write_text("\n".join(lines), "utf-8")
     return path
 
 

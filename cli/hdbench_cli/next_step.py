@@ -36,13 +36,17 @@ def after_run(
     return f"hdbench diagnose {shlex.quote(str(folder))}"
 
 
-def after_import(kind: str, out: Path, columns: tuple[str, ...]) -> str:
-    """Return what to do with a file that was brought in."""
+def after_import(kind: str, out: Path, columns: tuple[str, ...], profile_name: str | None) -> str:
+    """Return what to do with a file that was brought in; a drive not named has no profile."""
+    file = shlex.quote(str(out))
+    bench = {"--profile": profile_name}
     if kind == "loads":
-        return f"hdbench calibrate --from {shlex.quote(str(out))}"
+        return _words(f"hdbench calibrate --from {file}", bench)
     if not {"motor_velocity_rad_s", "tacho_v"} & set(columns):
         return ""
-    return f"hdbench run-ripple --from {shlex.quote(str(out))}"
+    if profile_name is None:
+        return f"hdbench profile new drive --from {file} --out drive.toml"
+    return _words(f"hdbench diagnose {file}", bench)
 
 
 def after_tune(model: Path) -> str:

@@ -37,10 +37,23 @@ def _send_again(lost: UnraisableHookArgs) -> None:
     if not isinstance(signum, int) or not signum > 0:
         sys.__unraisablehook__(lost)
         return
-    from threading import Timer
+    from threading import Thread
+
+    Thread(target=_when_back, args=(signum,), daemon=True).start()
+
+
+def _when_back(signum: int) -> None:
+    """Send a signal once the main thread has left `_send_again`, which would lose it, too."""
+    import time
+    from threading import main_thread
 
     from hdbench.system.processes import signal_self
 
-    again = Timer(_AGAIN_S, signal_self, (signum,))
-    again.daemon = True
-    again.start()
+    is_there = True
+    while is_there:
+        time.sleep(_AGAIN_S)
+        frame = sys._current_frames().get(main_thread().ident or 0)  # noqa: SLF001 - no other way
+        while frame is not None and frame.f_code is not _send_again.__code__:
+            frame = frame.f_back
+        is_there = frame is not None
+    signal_self(signum)

@@ -28,6 +28,10 @@ UNSTATED = "the file states no unit"
 _ORDER = 4
 # the derivative is filtered on an even grid; times that differ less from it are even enough
 _EVEN_SHARE = 0.01
+# a velocity and the rate of an angle that scatter more about their ratio are not one motion
+_LEAST_PAIRS, _ALIKE_SHARE = 20, 0.2
+# of one shaft and in one unit they are nearer than this
+_ONE = (0.9, 1.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -403,3 +407,26 @@ def zero_phase_velocity(
     velocity = np.full(len(time), np.nan)
     velocity[there] = smooth
     return velocity, told
+
+
+def pace_ratio(time: FloatArray, angle: FloatArray, velocity: FloatArray) -> float | None:
+    """Return how many times the rate of an angle a velocity is; None where that cannot be told.
+
+    It is 1 in the same unit on the same side of a gear, and less than 0 in the other direction.
+    Only the faster half is looked at, and its middle: jumps of a wrapped angle do not count.
+    """
+    steps = time[2:] - time[:-2]
+    pace = np.divide(angle[2:] - angle[:-2], steps, out=np.zeros_like(steps), where=steps > 0.0)
+    middle = velocity[1:-1]
+    there = np.isfinite(pace) & np.isfinite(middle) & (pace != 0.0)
+    if np.count_nonzero(there) < _LEAST_PAIRS:
+        return None
+    pace, middle = pace[there], middle[there]
+    fast = np.abs(middle) >= np.median(np.abs(middle))
+    low, ratio, high = np.quantile(middle[fast] / pace[fast], (0.25, 0.5, 0.75))
+    return float(ratio) if high - low < _ALIKE_SHARE * abs(ratio) else None
+
+
+def is_alike(ratio: float) -> bool:
+    """Return whether a ratio of `pace_ratio` is that of one shaft in one unit."""
+    return _ONE[0] < ratio < _ONE[1]

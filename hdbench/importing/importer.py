@@ -9,14 +9,14 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.importing.convert import Conversion, Derived, conversion, decimal_cell
 from hdbench.importing.layout import EPOCH_1904_S
-from hdbench.importing.mapping import ColumnMap, Constant, SourceColumn, find_source
+from hdbench.importing.mapping import Entry, SourceColumn, find_source
 from hdbench.importing.recipe import Recipe, known_columns
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
@@ -29,17 +29,7 @@ from hdbench.records.trace import FloatArray
 
 # a device has at most some 100 channels with a line each; a person reads no more than these
 _SHOWN_LINES, _SHOWN_CHARACTERS = 20, 120
-_Entry = TypeVar("_Entry", ColumnMap, Constant)
-_TEXT = (
-    "experiment",
-    "range",
-    "direction",
-    "series",
-    "kind",
-    "loading",
-    "flags",
-    "excluded_at_s",
-)
+_TEXT = ("experiment", "range", "direction", "series", "kind", "loading", "flags", "excluded_at_s")
 _WHOLE = ("n_samples", "repeat", "mounting", "n_excluded")
 _NEEDED = ("experiment", "position_rad", "range", "direction", "series", "reading_v")
 
@@ -79,12 +69,7 @@ class ImportReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as ``--json`` prints it."""
-        return {
-            **asdict(self),
-            "out": str(self.out),
-            "columns": [*self.columns],
-            "notes": [*self.notes],
-        }
+        return {**asdict(self), "out": str(self.out)}
 
 
 def _sources(
@@ -95,7 +80,7 @@ def _sources(
     found = {name: name for name in known if name not in constants}
     if recipe.rate_hz is not None:
         found.pop("time_s", None)
-    found |= {m.target: m.source for m in _of_file(recipe.maps(), number)}
+    found |= {m.target: m.text for m in _of_file(recipe.maps(), number)}
     both = sorted(set(constants) & set(found))
     if both:
         raise UsageError(
@@ -106,7 +91,7 @@ def _sources(
     return found
 
 
-def _of_file(entries: Sequence[_Entry], number: int) -> list[_Entry]:
+def _of_file(entries: Sequence[Entry], number: int) -> list[Entry]:
     """Return what is for one file; an entry for this file comes behind one for all."""
     return [entry for wanted in (None, number) for entry in entries if entry.file == wanted]
 
@@ -160,7 +145,7 @@ def _option(target: str) -> str:
 
 def _since_1904(source: Source, time: str) -> list[str]:
     """Return when a log of LabJack began, where its time counts from 1904."""
-    cell = next((str(piece[time][0]) for piece in source.pieces([time])), "")
+    cell = next((str(piece[time][0]) for piece in source.read([time])), "")
     first = None if ":" in cell else decimal_cell(source, time, cell, 0)
     # seconds since 1904 of any day after 1970; no run counts 66 years from its own start
     if first is None or not EPOCH_1904_S < first < 2 * EPOCH_1904_S:
@@ -170,7 +155,7 @@ def _since_1904(source: Source, time: str) -> list[str]:
 
 
 def _check(recipe: Recipe, files: Sequence[Path], out: Path) -> None:
-    entries: list[ColumnMap | Constant] = [*recipe.maps(), *recipe.constants()]
+    entries = [*recipe.maps(), *recipe.constants()]
     for entry in entries:
         if entry.file is not None and entry.file > len(files):
             raise UsageError(
@@ -231,7 +216,7 @@ def import_files(
         notes: list[str] = []
         for number, file in enumerate(files, 1):
             source = stack.enter_context(closing(open_source(file, recipe.layout, recipe.asked)))
-            constants = {c.target: c.value for c in _of_file(recipe.constants(), number)}
+            constants = {c.target: c.text for c in _of_file(recipe.constants(), number)}
             named = _sources(recipe, constants, source, number)
             found, told = _conversions(recipe, named, source, gear_ratio)
             parts.append(Part(source, found, constants))
@@ -277,11 +262,7 @@ def _loads(
 
 
 def _trace(
-    staged: Path,
-    out: Path,
-    notes: list[str],
-    origin: Decimal | None,
-    done: dict[str, list[str]],
+    staged: Path, out: Path, notes: list[str], origin: Decimal | None, done: dict[str, list[str]]
 ) -> ImportReport:
     """Read a trace back."""
     back = read_trace(staged, require=("torque",))
@@ -301,7 +282,7 @@ def _cells(part: Part, name: str) -> list[str]:
     conversion = part.conversions[name]
     channel = conversion.column.channel.name
     cells: list[str] = []
-    for piece in part.source.pieces([channel]):
+    for piece in part.source.read([channel]):
         raw = piece[channel]
         if name in _TEXT:
             cells += [str(cell).strip() for cell in raw.tolist()]

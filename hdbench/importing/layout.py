@@ -20,17 +20,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hdbench.importing.cells import is_number, says_number
-from hdbench.importing.units import known_unit
+from hdbench.importing.units import is_time_name, known_unit
 
 Logger = Literal["labjack", "dataq", "auto"]
 # 1970-01-01 in seconds since 1904-01-01: 66 years, 17 of them leap years
 EPOCH_1904_S = 2_082_844_800
 # as many lines a file may have before its table: 96 channels with a line each, and some to spare
 SEARCHED_LINES = 200
-_TIME = re.compile(
-    r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
-)
 _DATE = re.compile(r"date\b.*", re.I)
+_DAY = re.compile(r"\d+[./-]\d+[./-]\d+")
 _COMMENTS = ("#", "%", "//")
 # columns that hold a word now and then
 _REMARK = re.compile(r"(?:comment|remark|note|bemerkung|kommentar|marker|event)s?", re.I)
@@ -39,6 +37,29 @@ _DELIMITERS = ("\t", ";", " ", ",")
 # rows at the end of the lines looked at that say what the table is like
 _TAIL = 5
 _Row = tuple[int, list[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignFormat:
+    """How a text file is laid out.
+
+    Parameters
+    ----------
+    delimiter : str or None
+        Character between columns; None finds it.
+    header : bool
+        Whether rows of names may stand above the data.
+    skip : int
+        Lines that are passed over before the table is looked for.
+    logger : str or None
+        Data logger that wrote the file, or ``auto``: a column of time has to be there, and units
+        that are stated are turned into ours.
+    """
+
+    delimiter: str | None = None
+    header: bool = True
+    skip: int = 0
+    logger: Logger | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +91,6 @@ class TableLayout:
     preamble: tuple[int, ...]
 
 
-def is_time_name(name: str) -> bool:
-    """Return whether a column is named as a time."""
-    return _TIME.fullmatch(name.strip().rpartition("/")[2]) is not None
-
-
 def is_time_or_date(name: str) -> bool:
     """Return whether a column is named as a time or a date."""
     return is_time_name(name) or _DATE.fullmatch(name.strip()) is not None
@@ -101,7 +117,8 @@ def _line_rows(lines: Sequence[str], delimiter: str) -> list[_Row]:
                 cells = next(split([line], delimiter), [])
             except csv.Error:
                 continue
-            rows.append((place, cells))
+            if _filled(cells):
+                rows.append((place, cells))
     return rows
 
 
@@ -147,7 +164,8 @@ def table_layout(
     while start > behind and len(rows[start - 1][1]) >= width and share(rows[start - 1][1]) >= 0.5:
         start -= 1
     # a column without any number ends the names, and perhaps the rows too
-    names_row = rows[start - 1][1] if named and start > behind else []
+    above = [cells for _, cells in rows[behind:start]] if named else []
+    names_row = next((cells for cells in reversed(above) if not _are_units(cells)), [])
     wide, least = _filled(names_row), width
     if wide > width and not any(map(is_number, names_row)):
         if all(len(cells) >= wide for cells in tail) and all(map(str.strip, names_row[:width])):
@@ -156,8 +174,7 @@ def table_layout(
             width = wide
     block = _header_block(rows[behind:], start - behind, width, comments) if named else []
     names, units = _names_and_units([cells for _, cells in block], width)
-    above = {place for place, _ in block}
-    before = [(place, cells) for place, cells in rows[:start] if place not in above]
+    before = [row for row in rows[:start] if row not in block]
     units = units or _units_before([cells for _, cells in before], names)
     told = tuple(place for place, _ in before)
     return TableLayout(delimiter, rows[start][0], width, least, names, units, told)
@@ -189,11 +206,13 @@ def _header_block(
         # names may leave the last column out, as where rows end with a delimiter
         wide = len(cells) >= width or (not block and len(cells) == width - 1 > 1)
         # units may be left out behind the last one
-        wide = wide or (
-            not block and bool(words) and all(known_unit(w.strip(" []()")) for w in words)
-        )
+        wide = wide or (not block and _are_units(cells))
         apart = place - above > 1 + (above + 1 in {c for c, _ in comments})
-        if (apart and block) or not wide or _filled(cells) > width or any(map(is_number, words)):
+        # a title, or who it was, above names; groups of columns begin behind the first or are many
+        titled = len(words) <= 2 < width - 1 and bool(cells[0].strip())
+        titled = titled and any(not _are_units(below) for _, below in block)
+        valued = any(is_number(word) or _DAY.match(word.strip()) for word in words)
+        if (apart and block) or titled or valued or not wide or _filled(cells) > width:
             break
         block.insert(0, (above, cells))
         place = above
@@ -202,19 +221,27 @@ def _header_block(
     return block
 
 
+def _bare(cell: str) -> str:
+    return cell.strip().strip("[]()").strip()
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    words = [_bare(cell) for cell in cells if cell.strip()]
+    return bool(words) and 2 * sum(map(known_unit, words)) >= len(words)
+
+
 def _names_and_units(
     block: Sequence[Sequence[str]], width: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    def unit(cell: str) -> str:
-        return cell.strip().strip("[]()").strip()
-
     lines = [[cell.strip() for cell in [*cells, *[""] * width][:width]] for cells in block]
     units = [""] * width
     for index in range(len(lines) - 1, 0, -1):
-        words = [unit(cell) for cell in lines[index] if cell]
-        if words and 2 * sum(map(known_unit, words)) >= len(words):
-            units = [unit(cell) for cell in lines.pop(index)]
+        if _are_units(lines[index]):
+            units = [_bare(cell) for cell in lines.pop(index)]
             break
+    for line in lines[:-1]:  # a group has its name above its first column
+        for k in range(1, width):
+            line[k] = line[k] or line[k - 1]
     names = ["/".join(filter(None, parts)) for parts in zip(*lines, strict=True)]
     return tuple(names), tuple(units) if any(units) else ()
 

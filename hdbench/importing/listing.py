@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.importing.cells import MISSING, stamp_seconds
-from hdbench.importing.source import Channel, Source
+from hdbench.importing.source import Channel, Column, Source
 from hdbench.importing.units import unit_scale
 
-# rows that are looked at: enough to see what a channel is, whatever the size of the file
-LOOKED_AT = 200_000
+# rows that are looked at: enough to see what a channel is, whatever the size of the file; fewer of
+# many channels, whose numbers are in memory together
+LOOKED_AT, _MOST_NUMBERS, _AT_ONCE = 200_000, 5_000_000, 32
 # two's complement: the numbers lie at the two ends of the range, the middle half is empty
 _BITS = (8, 16, 32)
 
@@ -32,7 +33,7 @@ class ChannelFacts:
     number : int
         Its number, from 1.
     rows : int
-        Rows looked at, at most `LOOKED_AT`.
+        Rows looked at.
     rate_hz : float or None
         One by the median step of the time of its clock, Hz; None without a time.
     least, most, first : float or None
@@ -45,6 +46,10 @@ class ChannelFacts:
         Bits of a two's complement that seems to be stored without sign; 0 for none.
     jump : float
         Largest step between neighbours.
+    whole : bool
+        Whether all numbers are whole, and not all the same.
+    numbers : array
+        The rows looked at; NaN where there is no number.
     """
 
     channel: Channel
@@ -58,6 +63,8 @@ class ChannelFacts:
     is_text: bool
     bits: int
     jump: float
+    whole: bool
+    numbers: NDArray[np.float64] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the facts as ``--json`` prints them."""
@@ -73,10 +80,10 @@ class ChannelFacts:
         }
 
 
-def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[np.float64], bool]:
+def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[Any], bool]:
     """Return the numbers of a piece, NaN where there is none, and whether there are words."""
     if raw.dtype != object:
-        return np.asarray(raw, dtype=np.float64), False
+        return raw, False
     values = np.full(len(raw), np.nan)
     words = False
     for k, cell in enumerate(raw):
@@ -96,19 +103,19 @@ def read_numbers(
     source: Source, names: Sequence[str], most_rows: int = LOOKED_AT
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, bool]]:
     """Read the first values of channels of one clock."""
-    parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
+    columns = {name: Column(None) for name in names}
     words = dict.fromkeys(names, False)
     rows = 0
     source.rounded = frozenset(names)
-    for piece in source.pieces(names):
+    for piece in source.read(names):
         for name in names:
             values, found = _values(source, piece[name])
-            parts[name].append(values)
+            columns[name].add(values)
             words[name] |= found
         rows += len(next(iter(piece.values())))
         if rows >= most_rows:
             break
-    return {n: np.concatenate(p) if p else np.empty(0) for n, p in parts.items()}, words
+    return {name: column.whole() for name, column in columns.items()}, words
 
 
 def _bits(values: NDArray[np.float64]) -> int:
@@ -136,17 +143,24 @@ def _rate(source: Source, clock: str, values: dict[str, Any], time: str | None) 
 def list_channels(source: Source, time: str | None = None) -> list[ChannelFacts]:
     """Look at every channel of a file."""
     facts: dict[str, ChannelFacts] = {}
-    numbers = {c.name: k for k, c in enumerate(source.channels, 1)}
+    places = {c.name: k for k, c in enumerate(source.channels, 1)}
+    most = min(LOOKED_AT, max(1, _MOST_NUMBERS // max(1, len(places))))
     for clock in dict.fromkeys(c.clock for c in source.channels):
         own = [c for c in source.channels if c.clock == clock]
-        values, words = read_numbers(source, [c.name for c in own])
+        names = [c.name for c in own]
+        values: dict[str, NDArray[np.float64]] = {}
+        words: dict[str, bool] = {}
+        for first in range(0, len(names), _AT_ONCE):  # some libraries unpack channels whole
+            read = read_numbers(source, names[first : first + _AT_ONCE], most)
+            values |= read[0]
+            words |= read[1]
         rate = _rate(source, clock, values, time)
         for channel in own:
             found = values[channel.name]
             there = found[np.isfinite(found)]
             facts[channel.name] = ChannelFacts(
                 channel,
-                numbers[channel.name],
+                places[channel.name],
                 len(found),
                 rate,
                 float(there.min()) + 0.0 if len(there) else None,
@@ -156,5 +170,7 @@ def list_channels(source: Source, time: str | None = None) -> list[ChannelFacts]
                 words[channel.name] and not len(there),
                 _bits(there),
                 float(np.max(np.abs(np.diff(there)))) if len(there) > 1 else 0.0,
+                len(there) > 1 and bool((there == np.rint(there)).all() and np.ptp(there)),
+                found,
             )
     return [facts[c.name] for c in source.channels]

@@ -23,41 +23,22 @@ _TARGET = re.compile(r"(?:(?P<file>[1-9]\d{0,3}):)?(?P<target>[a-z][a-z0-9_]*)=(
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnMap:
-    """One ``--map``: where a column comes from.
+class Entry:
+    """One ``--map`` or ``--set``: where a column comes from, or the value in every row.
 
     Parameters
     ----------
     target : str
         Column name of the contract.
-    source : str
-        ``COLUMN``, ``COLUMN*SCALE``, ``COLUMN/SCALE``, each with ``+OFFSET`` or ``-OFFSET``, and
-        declared conversions behind it: ``COLUMN@deg@wrapped``.
+    text : str
+        The value, or ``COLUMN``, ``COLUMN*SCALE``, ``COLUMN/SCALE``, each with ``+OFFSET`` or
+        ``-OFFSET``, and declared conversions behind it: ``COLUMN@deg@wrapped``.
     file : int or None
         Number of the file, from 1, that it is about; None for all.
     """
 
     target: str
-    source: str
-    file: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Constant:
-    """One ``--set``: a column that holds the same value in every row.
-
-    Parameters
-    ----------
-    target : str
-        Column name of the contract.
-    value : str
-        Its value.
-    file : int or None
-        Number of the file, from 1, that it is about; None for all.
-    """
-
-    target: str
-    value: str
+    text: str
     file: int | None = None
 
 
@@ -84,9 +65,7 @@ class SourceColumn:
     words: tuple[str, ...] = ()
 
 
-def _split(
-    text: str, option: str, example: str, known: Sequence[str]
-) -> tuple[str, str, int | None]:
+def _split(text: str, option: str, example: str, known: Sequence[str]) -> Entry:
     match = _TARGET.fullmatch(text)
     if match is None:
         raise UsageError(
@@ -96,17 +75,17 @@ def _split(
     near = difflib.get_close_matches(target, known, n=1, cutoff=0.75)
     if target not in known and near:
         raise UsageError(f"no column {target!r}", where=option, fix=f"did you mean {near[0]!r}?")
-    return target, match["rest"], int(match["file"]) if match["file"] else None
+    return Entry(target, match["rest"], int(match["file"]) if match["file"] else None)
 
 
-def parse_map(text: str, known: Sequence[str]) -> ColumnMap:
+def parse_map(text: str, known: Sequence[str]) -> Entry:
     """Parse ``[FILE_NUMBER:]NAME=COLUMN[*SCALE][+OFFSET][@WORD...]``."""
-    return ColumnMap(*_split(text, "--map", "such as --map torque_nm=Torque*0.001", known))
+    return _split(text, "--map", "such as --map torque_nm=Torque*0.001", known)
 
 
-def parse_constant(text: str, known: Sequence[str]) -> Constant:
+def parse_constant(text: str, known: Sequence[str]) -> Entry:
     """Parse ``[FILE_NUMBER:]NAME=VALUE``."""
-    return Constant(*_split(text, "--set", "such as --set 2:series=down", known))
+    return _split(text, "--set", "such as --set 2:series=down", known)
 
 
 def find_source(source: Source, text: str, option: str) -> SourceColumn:

@@ -4,39 +4,62 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from hdbench.importing.convert import is_alike, pace_ratio
 from hdbench.importing.listing import ChannelFacts
 from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
 from hdbench.importing.units import bare_name, target_unit, unit_scale
 
-# words that name a quantity, the more telling ones first
+# words that name a quantity, the more telling ones first: English, German, French, Italian, Spanish
 _WORDS = {
-    "motor_angle_rad": ("position", "pos", "angle", "theta", "phi", "winkel", "qm", "q"),
-    "motor_velocity_rad_s": (
-        ("velocity", "vel", "speed", "omega", "drehzahl", "rpm", "qd", "dq", "qdot", "w")
+    "motor_angle_rad": (
+        *("position", "pos", "angle", "theta", "phi", "winkel", "posizione", "angolo"),
+        *("posición", "ángulo", "qm", "q"),
     ),
-    "torque_nm": ("torque", "effort", "tau", "moment", "drehmoment", "trq", "load"),
-    "torque_v": ("torque", "moment", "drehmoment", "trq", "load"),
-    "motor_current_a": ("current", "iq", "strom", "amps"),
-    "temperature_c": ("temperature", "temp", "temperatur"),
+    "motor_velocity_rad_s": (
+        *("velocity", "vel", "speed", "omega", "drehzahl", "geschwindigkeit", "vitesse"),
+        *("velocità", "velocidad", "rpm", "qd", "dq", "qdot", "w"),
+    ),
+    "torque_nm": (
+        *("torque", "effort", "tau", "drehmoment", "moment", "couple", "coppia", "trq"),
+        "load",
+    ),
+    "torque_v": ("torque", "drehmoment", "moment", "couple", "coppia", "trq", "load"),
+    "motor_current_a": ("current", "iq", "strom", "courant", "corrente", "corriente", "amps"),
+    "temperature_c": ("temperature", "temp", "temperatur", "température", "temperatura"),
 }
 # what was asked for or estimated is not what was measured
 _NOT_MEASURED = {"goal", "desired", "des", "target", "cmd", "command", "commanded", "ref"}
 _NOT_MEASURED |= {"reference", "setpoint", "soll", "ext", "external", "error", "err", "std", "var"}
 _NOT_MEASURED |= {"covariance", "filtered", "est", "estimate", "estimated", "limit", "max", "min"}
+_NOT_MEASURED |= {"consigne", "consigna", "riferimento"}
 # these say something of a quantity and are none
 _NO_QUANTITY = {"enable", "enabled", "mode", "status", "flag", "state", "valid"}
-_TIME_WORDS = ("t", "time", "zeit", "stamp", "timestamp", "elapsed")
+_TIME_WORDS = {"t", "ts", "time", "zeit", "stamp", "timestamp", "zeitstempel", "elapsed"}
+_TIME_WORDS |= {"temps", "tempo", "tiempo", "millis", "micros"}
+_COUNTED = ("torque_nm", "motor_angle_rad", "motor_velocity_rad_s", "motor_current_a")
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
-_OUTPUT_WORDS = ("joint", "output", "link", "load")
-_SPLIT = re.compile(r"[^A-Za-z0-9]+|(?<=[a-z])(?=[A-Z])")
-_NUMBERED = re.compile(r"(?P<stem>.*?[A-Za-z])(?:_|\[|\.)?(?P<joint>\d{1,2})\]?")
+_OUTPUT_WORDS = {"joint", "output", "link", "load", "abtrieb", "gelenk", "sortie", "uscita"}
+_OUTPUT_WORDS |= {"salida"}
+_MOTOR_WORDS = {"motor", "input", "rotor", "antrieb", "moteur", "motore"}
+# of German words that are joined the last one says what it is: Abtriebsdrehzahl
+_HEADS = {"winkel", "drehzahl", "geschwindigkeit", "drehmoment", "moment", "strom", "temperatur"}
+# shorter words begin others by chance
+_COMPOUND = 4
+_SPLIT = re.compile(r"[\W\d_]+|(?<=[a-z])(?=[A-Z])")
+_NUMBERED = re.compile(r".*?[^\W\d](?:_|\[|\.)?(?P<joint>\d{1,2})\]?")
+_Best = tuple[ChannelFacts, str]
 _TURN_RAD = 6.283185307179586
+# seconds since 1970 of the years 1998 to 2103, and in what else they are counted
+_FIRST_S, _LAST_S = 9e8, 4.2e9
+_SINCE_1970 = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# a log of a drive is sampled faster than this; a slower one has a time in another unit
+_SLOWEST_HZ = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +117,22 @@ class Proposal:
 
 def _tokens(name: str) -> list[str]:
     last = bare_name(name).rpartition("/")[2]
-    return [word.lower() for word in _SPLIT.split(last) if word and not word.isdigit()]
+    return [word.lower() for word in _SPLIT.split(last) if word]
+
+
+def _says(tokens: Iterable[str], words: Iterable[str]) -> bool:
+    """Return whether a word is there, or one that begins with it: Abtriebsdrehzahl."""
+    return any(
+        token == word or (len(word) >= _COMPOUND and token.startswith(word))
+        for word in words
+        for token in tokens
+    )
 
 
 def _is_behind(channel: Channel) -> bool:
     """Return whether a channel is named as one of the side behind the gear."""
-    tokens = {*_tokens(channel.clock), *_tokens(channel.name.replace("/", " "))}
-    return bool(tokens & set(_OUTPUT_WORDS)) and "motor" not in tokens
+    tokens = [*_tokens(channel.clock), *_tokens(channel.name.replace("/", " "))]
+    return _says(tokens, _OUTPUT_WORDS) and not _says(tokens, _MOTOR_WORDS)
 
 
 def _joint(channel: Channel) -> str:
@@ -119,15 +151,15 @@ def _rank(facts: ChannelFacts, target: str) -> tuple[int, str]:
     if facts.is_text or facts.least is None or channel.is_time:
         return 0, ""
     tokens = _tokens(channel.name)
-    word = next((w for w in _WORDS[target] if w in tokens), None)
-    match = _NUMBERED.fullmatch(bare_name(channel.name).rpartition("/")[2])
-    if word is None and match is not None:
-        word = next((w for w in _WORDS[target] if w == match["stem"].lower().strip("_[.")), None)
+    heads = [head for head in _HEADS for token in tokens if token.endswith(head)]
+    word = next((w for w in _WORDS[target] if w in tokens or w in heads), None)
     scale = unit_scale(channel.unit, target_unit(target)) if channel.unit else None
-    if (scale is not None and scale.is_nan()) or _NO_QUANTITY & set(tokens):
+    if (scale is not None and scale.is_nan()) or _says(tokens, _NO_QUANTITY):
         return 0, ""
-    # only a unit tells volts
+    # only a unit tells volts, and only a known one is asked for no factor
     if target == "torque_v" and (scale is None or word is None):
+        return 0, ""
+    if target == "temperature_c" and channel.unit and scale is None:
         return 0, ""
     score = 2 * (word is not None) + (scale is not None)
     if not score:
@@ -140,20 +172,20 @@ def _rank(facts: ChannelFacts, target: str) -> tuple[int, str]:
         why.append(
             f"unit {channel.unit}" if scale is not None else f"no unit stated: taken as {ours}"
         )
-    return (1 if _NOT_MEASURED & set(tokens) else 2 + score), ", ".join(why)
+    return (2 + score if is_measured(channel.name) else 1), ", ".join(why)
 
 
 def time_candidate(channels: Sequence[Channel]) -> Channel | None:
     """Return the channel that is named as a time; one that the file gives as such comes first."""
     own = [c for c in channels if c.is_time]
-    named = [c for c in channels if set(_tokens(c.name)) & set(_TIME_WORDS)]
+    named = [c for c in channels if _TIME_WORDS.intersection(_tokens(c.name))]
     united = [c for c in channels if unit_scale(c.unit, "s") is not None and is_unit(c, "s")]
     return next(iter([*own, *named, *united]), None)
 
 
 def is_measured(name: str) -> bool:
     """Return whether a channel's name does not say that it was asked for or estimated."""
-    return not _NOT_MEASURED & set(_tokens(name))
+    return not _says(_tokens(name), _NOT_MEASURED)
 
 
 def is_unit(channel: Channel, wanted: str) -> bool:
@@ -162,9 +194,7 @@ def is_unit(channel: Channel, wanted: str) -> bool:
     return scale is not None and not scale.is_nan()
 
 
-def _choose(
-    facts: Sequence[ChannelFacts], joint: str | None
-) -> tuple[dict[str, tuple[ChannelFacts, str]], list[str]]:
+def _choose(facts: Sequence[ChannelFacts], joint: str | None) -> tuple[dict[str, _Best], list[str]]:
     """Return the best channel for each column, of one joint, and the joints that there are."""
     ranked: dict[str, list[tuple[int, str, ChannelFacts]]] = {}
     for target in _WORDS:
@@ -179,7 +209,7 @@ def _choose(
             joints = list(dict.fromkeys(own))
             break
     chosen = joint if joint is not None else next(iter(joints), None)
-    result: dict[str, tuple[ChannelFacts, str]] = {}
+    result: dict[str, _Best] = {}
     clock = None
     if "torque_nm" in ranked:
         ranked.pop("torque_v", None)
@@ -229,6 +259,40 @@ def _words_for(target: str, facts: ChannelFacts, joint_side: bool) -> tuple[str,
     return words, why
 
 
+def _time_unit(facts: ChannelFacts) -> tuple[str, str]:
+    """Return the unit of a time and why; empty where nothing tells it."""
+    channel = facts.channel
+    if (unit_scale(channel.unit, "s") if channel.unit else None) is not None:
+        return channel.unit, ""
+    if facts.first is None or channel.name.endswith("_s"):
+        return "s", ""
+    for unit, scale in _SINCE_1970.items():
+        if _FIRST_S <= facts.first * scale < _LAST_S:
+            return unit, f", {unit} since 1970"
+    if facts.rate_hz is None or facts.rate_hz >= _SLOWEST_HZ:
+        return "s", ", no unit stated: taken as s"
+    return "", ""
+
+
+def _disagreement(best: Mapping[str, _Best], time: ChannelFacts, unit: str) -> str:
+    """Return how velocity and rate of the angle differ; empty where they do not."""
+    if not {*_TURNING} <= best.keys():
+        return ""
+    angle, velocity = (best[target][0] for target in _TURNING)
+    if not len(angle.numbers) == len(velocity.numbers) == len(time.numbers):
+        return ""
+    scales = [float(unit_scale(unit, "s") or 1)] if unit else [*_SINCE_1970.values()]
+    turned = [
+        facts.numbers * float(unit_scale(facts.channel.unit, target_unit(target)) or 1)
+        for facts, target in zip((angle, velocity), _TURNING, strict=True)
+    ]
+    ratios = [pace_ratio(time.numbers * scale, *turned) for scale in scales]
+    if any(ratio is None or is_alike(ratio) for ratio in ratios):
+        return ""
+    told = f"{ratios[0]:.4g} times" if unit else "in no unit of time"
+    return f"the velocity is {told} the rate of the angle"
+
+
 def proposed_mapping(
     facts: Sequence[ChannelFacts],
     given: Recipe,
@@ -257,20 +321,34 @@ def proposed_mapping(
     empty = {f.channel.name for f in facts if f.least is None}
     of_clock = [c for c in channels if c.clock == clock and c.name not in empty]
     time = time_candidate(of_clock)
-    if given.rate_hz is None and time is not None:
-        scale = unit_scale(time.unit, "s") if time.unit else None
-        unit = "" if scale is None or scale == 1 else f"@{time.unit}"
-        mapping["time_s"] = _shortest(time.name, channels, joint) + unit
-        reasons["time_s"] = "the time of its clock" if time.is_time else "named as a time"
+    unlike = ""
+    for facts_of_time in (f for f in facts if f.channel == time and given.rate_hz is None):
+        unit, why = _time_unit(facts_of_time)
+        word = "" if unit == "s" else f"@{unit or 'TIME_UNIT'}"
+        mapping["time_s"] = _shortest(facts_of_time.channel.name, channels, joint) + word
+        named = "the time of its clock" if facts_of_time.channel.is_time else "named as a time"
+        reasons["time_s"] = named + why
+        if not unit:
+            rate = f"{facts_of_time.rate_hz or 0.0:.3g} Hz"
+            needs.append(f"TIME_UNIT: s, ms, us or ns; in s it would be sampled at {rate}")
+        if len(behind) != 1:
+            unlike = _disagreement(best, facts_of_time, unit)
+    if unlike and all(best[target][0].channel.unit for target in _TURNING):
+        needs.append(f"{unlike}: put @output or another unit behind the one that has it")
     for target, (fact, why) in best.items():
         if target == "motor_current_a" and torque is not None and not why.startswith("named"):
             continue
         words, more = _words_for(target, fact, joint_side)
         name = _shortest(fact.channel.name, channels, joint)
         factor = ""
-        if target == "torque_nm" and fact.bits > 0 and not fact.channel.unit:
-            factor = "*N_M_PER_COUNT"
-            needs.append("N_M_PER_COUNT: the torque per count; it is not in the file")
+        counts = target in _COUNTED and (fact.whole or (unlike and target in _TURNING))
+        if counts and not fact.channel.unit:
+            word = "N_M_PER_COUNT" if target == "torque_nm" else f"{target.upper()}_FACTOR"
+            factor = f"*{word}"
+            why = why.partition(": taken")[0]
+            told = f", and {unlike}" if unlike and target in _TURNING else ""
+            what = "the torque" if target == "torque_nm" else target_unit(target)
+            needs.append(f"{word}: {what} per count; it is not in the file{told}")
         elif fact.channel.unit and unit_scale(fact.channel.unit, target_unit(target)) is None:
             factor = f"*{target.upper()}_FACTOR"
             unit = f"{target_unit(target)} per {fact.channel.unit}"
@@ -292,8 +370,8 @@ def proposed_mapping(
         recipe = replace(recipe, joint=joints[0])
         reasons["--joint"] = f"one of {len(joints)} joints: {', '.join(joints)}"
     if "motor_velocity_rad_s" not in best and "motor_angle_rad" in best:
-        rate = given.rate_hz or best["motor_angle_rad"][0].rate_hz
-        cutoff = f"{rate / 10.0:.3g}" if rate else "CUTOFF_HZ"
+        rate_hz = given.rate_hz or best["motor_angle_rad"][0].rate_hz
+        cutoff = f"{rate_hz / 10.0:.3g}" if rate_hz else "CUTOFF_HZ"
         extra += ["--velocity-from-angle", cutoff]
         reasons["--velocity-from-angle"] = "no velocity; low-pass at a tenth of the sample rate"
     no_time = given.rate_hz is None and "time_s" not in mapping

@@ -13,15 +13,15 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from mmap import mmap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.importing.source import Piece, Source, told
-from hdbench.system.children import held_bytes, limit_memory
+from hdbench.system.children import held_bytes, limit_memory, mapped
 
 # beside what it holds at its start: with the process that asks, less than 500 MB
 _MOST_BYTES = 280 << 20
@@ -35,9 +35,11 @@ class _Open:
 
     source: Source
     pieces: Iterator[Piece]
+    memory: mmap | bytes = b""
 
 
-_Answer = tuple[dict[str, Any], Sequence[NDArray[Any] | list[str]]]
+# a head, and what follows it
+_Answer = tuple[dict[str, Any], Sequence[bytes | memoryview]]
 
 
 class _Server:
@@ -55,6 +57,7 @@ class _Server:
                 case "pieces":
                     file = self._open[number]
                     file.pieces = file.source.pieces(order["names"])
+                    file.memory = mapped(order["memory"])
                     return {}, ()
                 case "next":
                     return self._next(number)
@@ -85,11 +88,27 @@ class _Server:
         }
 
     def _next(self, number: int) -> _Answer:
-        piece = next(self._open[number].pieces, None)
+        """Put numbers into the memory as far as it reaches; the rest and texts follow the head."""
+        file = self._open[number]
+        piece = next(file.pieces, None)
         if piece is None:
             return {"end": True}, ()
-        arrays = [v.tolist() if v.dtype == object else v for v in piece.values()]
-        return {"names": list(piece)}, arrays
+        kinds: list[tuple[str, int, int | None]] = []
+        bodies: list[bytes | memoryview] = []
+        at = 0
+        for values in piece.values():
+            if values.dtype == object:
+                text = json.dumps(values.tolist()).encode()
+                kinds.append(("text", len(text), None))
+                bodies.append(text)
+            elif at + values.nbytes <= len(file.memory):
+                np.frombuffer(file.memory, values.dtype, len(values), at)[:] = values
+                kinds.append((values.dtype.str, len(values), at))
+                at += values.nbytes
+            else:
+                kinds.append((values.dtype.str, len(values), None))
+                bodies.append(np.ascontiguousarray(values).data)
+        return {"names": list(piece), "kinds": kinds}, bodies
 
 
 def _refuse(event: str, _arguments: tuple[object, ...]) -> None:
@@ -99,25 +118,6 @@ def _refuse(event: str, _arguments: tuple[object, ...]) -> None:
             where="the file",
             fix="do not use this file",
         )
-
-
-def _write(file: Any, head: dict[str, Any], arrays: Sequence[NDArray[Any] | list[str]]) -> None:
-    bodies: list[bytes | memoryview] = []
-    kinds = []
-    for values in arrays:
-        if isinstance(values, list):
-            text = json.dumps(values).encode()
-            kinds.append(("text", len(text)))
-            bodies.append(text)
-        else:
-            plain = np.ascontiguousarray(values)
-            kinds.append((plain.dtype.str, len(plain)))
-            bodies.append(plain.data)
-    body = json.dumps({**head, "kinds": kinds}).encode()
-    file.write(len(body).to_bytes(8, "little") + body)
-    for part in bodies:
-        file.write(part)
-    file.flush()
 
 
 def main() -> None:
@@ -131,7 +131,10 @@ def main() -> None:
     limit_memory(held_bytes() + _MOST_BYTES)
     server = _Server()
     for line in orders:
-        _write(answers, *server.answer(json.loads(line)))
+        head, bodies = server.answer(json.loads(line))
+        text = json.dumps(head).encode()
+        answers.writelines((len(text).to_bytes(8, "little"), text, *bodies))
+        answers.flush()
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -11,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
-from hdbench.importing.mapping import ColumnMap, Constant, parse_constant, parse_map
+from hdbench.importing.layout import ForeignFormat
+from hdbench.importing.mapping import Entry, parse_constant, parse_map
 from hdbench.importing.source import Asked
-from hdbench.importing.text import ForeignFormat
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
 from hdbench.records.tables import TRACE_COLUMNS, read_text
@@ -25,20 +26,6 @@ _CHOICES: dict[str, tuple[str, ...]] = {
     "side": ("motor", "output"),
     "delimiter": tuple(DELIMITERS),
     "from_logger": ("auto", "labjack", "dataq"),
-}
-# option of the command line for each key
-_OPTIONS = {
-    "topic": "--topic",
-    "joint": "--joint",
-    "side": "--side",
-    "rate_hz": "--rate",
-    "torque_constant_nm_per_a": "--torque-constant",
-    "velocity_from_angle_hz": "--velocity-from-angle",
-    "delimiter": "--delimiter",
-    "from_logger": "--from-logger",
-    "skip": "--skip",
-    "keep_time": "--keep-time",
-    "no_header": "--no-header",
 }
 
 
@@ -111,14 +98,15 @@ class Recipe:
             elif name == "kind":
                 words += ["--kind", value]
             else:
-                words += [_OPTIONS[name], *([] if value is True else [str(value)])]
+                option = "--" + re.sub("_(hz|nm_per_a)$", "", name).replace("_", "-")
+                words += [option, *([] if value is True else [str(value)])]
         return words
 
-    def maps(self) -> list[ColumnMap]:
+    def maps(self) -> list[Entry]:
         """Return where columns come from."""
         return [parse_map(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.map.items()]
 
-    def constants(self) -> list[Constant]:
+    def constants(self) -> list[Entry]:
         """Return the columns with one value."""
         return [parse_constant(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.set.items()]
 
@@ -160,26 +148,24 @@ def read_recipe(path: Path) -> Recipe:
 
 
 def _check_value(path: Path, key: str, value: object) -> None:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if key in ("map", "set"):
-        if not isinstance(value, dict) or not all(isinstance(v, str) for v in value.values()):
-            raise _bad(path, key, "is no table of texts", f'such as [{key}] torque_nm = "Torque"')
+        good = isinstance(value, dict) and all(isinstance(v, str) for v in value.values())
+        needed = f'a table of texts, such as [{key}] torque_nm = "Torque"'
     elif key in _CHOICES:
-        if value not in _CHOICES[key]:
-            needed = " or ".join(_CHOICES[key])
-            raise _bad(path, key, f"is {value!r:.40}; needed: {needed}", "correct it")
+        good, needed = value in _CHOICES[key], " or ".join(_CHOICES[key])
     elif key in ("keep_time", "no_header"):
-        if not isinstance(value, bool):
-            raise _bad(path, key, f"is {value!r:.40}; needed: true or false", "correct it")
+        good, needed = isinstance(value, bool), "true or false"
     elif key == "skip":
-        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-            raise _bad(path, key, f"is {value!r:.40}; needed: a whole number", "correct it")
+        good, needed = is_number and isinstance(value, int) and value >= 0, "a whole number"
     elif key in ("topic", "joint"):
-        if not isinstance(value, str):
-            raise _bad(path, key, f"is {value!r:.40}; needed: a text", "put it into quotes")
-    elif not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < 1e300:
-        raise _bad(path, key, f"is {value!r:.40}; needed: a number", "correct it")
-    elif key.endswith("_hz") and value <= 0:
-        raise _bad(path, key, f"is {value!r:.40}; needed: more than 0", "correct it")
+        good, needed = isinstance(value, str), "a text in quotes"
+    else:
+        least = 0.0 if key.endswith("_hz") else -1e300
+        good = is_number and least < float(str(value)) < 1e300
+        needed = "a number" if least else "a number, more than 0"
+    if not good:
+        raise _bad(path, key, f"is {value!r:.40}; needed: {needed}", "correct it")
 
 
 def write_recipe(path: Path, recipe: Recipe) -> None:

@@ -11,8 +11,9 @@ import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from mmap import mmap
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,8 +28,10 @@ from hdbench.importing.source import (
     text_cells,
     told,
 )
-from hdbench.importing.text import ForeignFormat, open_text
-from hdbench.system.children import start_child
+from hdbench.system.children import shared_memory, start_child
+
+if TYPE_CHECKING:
+    from hdbench.importing.layout import ForeignFormat
 
 _HEAD = 1024
 # threads of a library would hold memory of their own; its allocator has to heed the limit
@@ -40,6 +43,9 @@ _SETTINGS = {
 }
 # then a new process is started: libraries do not give back all they took
 _MOST_FILES = 200
+# what the process that reads puts its numbers into
+_SHARED_BYTES = 8 << 20
+_WORKBOOKS = (".xlsx", ".xlsm")
 _KINDS = ("<f8", "<i8", "<u8")
 
 
@@ -58,7 +64,8 @@ class Format:
     begins : callable
         Whether a file that begins with these bytes is of this kind.
     library, extra : str
-        What reads it, and the extra that brings it; empty where nothing has to be installed.
+        What reads it in a process of its own, and the extra that brings it; empty where there is
+        none.
     """
 
     name: str
@@ -73,23 +80,19 @@ def _magic(*magic: bytes) -> Callable[[bytes, Path], bool]:
     return lambda head, _path: head.startswith(magic)
 
 
-def _zip_with(start: str) -> Callable[[bytes, Path], bool]:
-    def holds(head: bytes, path: Path) -> bool:
-        if not head.startswith(b"PK\x03\x04"):
-            return False
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return any(name.startswith(start) for name in archive.namelist())
-        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-            return False
-
-    return holds
+def _workbook(head: bytes, path: Path) -> bool:
+    if not head.startswith(b"PK\x03\x04"):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name.startswith("xl/") for name in archive.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return path.suffix.lower() in _WORKBOOKS
 
 
 def _numpy(head: bytes, path: Path) -> bool:
-    if head.startswith(b"\x93NUMPY"):
-        return True
-    return head.startswith(b"PK\x03\x04") and not _zip_with("xl/")(head, path)
+    packed = head.startswith(b"PK\x03\x04")
+    return head.startswith(b"\x93NUMPY") or (packed and not _workbook(head, path))
 
 
 def _hdf5(head: bytes, _path: Path) -> bool:
@@ -107,9 +110,10 @@ def _json(head: bytes, _path: Path) -> bool:
 
 
 FORMATS = (
-    Format("Excel workbook", "excel", (".xlsx", ".xlsm"), _zip_with("xl/"), "openpyxl", "excel"),
+    Format("Excel workbook", "excel", _WORKBOOKS, _workbook, "openpyxl", "excel"),
     Format("NumPy file", "npz", (".npz", ".npy"), _numpy),
-    Format("MATLAB 5 file", "mat5", (".mat",), _magic(b"MATLAB 5.0 MAT-file")),
+    # SciPy is always there; some damaged files crash it
+    Format("MATLAB 5 file", "mat5", (".mat",), _magic(b"MATLAB 5.0 MAT-file"), "scipy.io"),
     Format("HDF5 file", "hdf5", (".mat", ".h5", ".hdf5", ".hdf"), _hdf5, "h5py", "hdf5"),
     Format("Parquet file", "parquet", (".parquet",), _magic(b"PAR1"), "pyarrow", "parquet"),
     Format("TDMS file", "tdms", (".tdms",), _magic(b"TDSm"), "nptdms", "tdms"),
@@ -131,32 +135,6 @@ FORMATS = (
     ),
     Format("JSON file", "jsonrecords", (".json", ".jsonl", ".ndjson"), _json),
 )
-
-
-class _Guarded(Source):
-    """A source whose reader may raise anything on damaged bytes; here it becomes our error."""
-
-    def __init__(self, inner: Source) -> None:
-        super().__init__(inner.path, inner.form)
-        self._inner = inner
-        self.channels, self.notes = inner.channels, inner.notes
-        self.decimal_comma = inner.decimal_comma
-
-    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
-        """Yield what the reader yields."""
-        self._inner.rounded = self.rounded
-        try:
-            yield from self._inner.pieces(names)
-        except Exception as error:
-            raise told(self.path, self.form, error) from error
-
-    def place(self, row: int) -> str:
-        """Return what the reader returns."""
-        return self._inner.place(row)
-
-    def close(self) -> None:
-        """Close the reader."""
-        self._inner.close()
 
 
 def _head(path: Path) -> bytes:
@@ -198,30 +176,32 @@ def _chosen(path: Path, head: bytes) -> Format | None:
     return found
 
 
-def open_source(path: Path, layout: ForeignFormat, asked: Asked | None = None) -> Source:
+def open_source(
+    path: Path, layout: ForeignFormat | None = None, asked: Asked | None = None
+) -> Source:
     """Open a foreign file."""
     path = Path(path)
     kind = _chosen(path, _head(path))
     try:
-        source = open_text(path, layout) if kind is None else _reader(kind, path)
+        source = _opened(path, kind, layout)
     except Exception as error:
         form = "text" if kind is None else kind.name
         raise told(path, form, error) from error
-    guarded = _Guarded(source)
-    if not guarded.channels:
-        guarded.close()
+    if not source.channels:
+        source.close()
         what = f"no channel of numbers in this {source.form}; needed: at least one"
         raise DataError(what, where=str(path), fix="check the file, or record again")
     if asked is not None:
-        guarded.keep(asked)
-    return guarded
+        source.keep(asked)
+    return source
 
 
-def _reader(kind: Format, path: Path) -> Source:
-    if kind.library:
-        return open_isolated(path, kind.name, kind.module, kind.library, kind.extra)
-    module: Any = importlib.import_module(f"hdbench.importing.readers.{kind.module}")
-    source: Source = module.open_file(path)
+def _opened(path: Path, kind: Format | None, layout: ForeignFormat | None) -> Source:
+    if kind is not None and kind.library:
+        return IsolatedSource(path, kind.name, kind.module, kind.library, kind.extra)
+    name = "text" if kind is None else kind.module
+    module: Any = importlib.import_module(f"hdbench.importing.readers.{name}")
+    source: Source = module.open_file(path, layout) if kind is None else module.open_file(path)
     return source
 
 
@@ -241,17 +221,17 @@ class ReaderProcess:
         worn = self.opened >= _MOST_FILES and self.opened == self.closed
         return self._owner == os.getpid() and self._process.poll() is None and not worn
 
-    def ask(self, order: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+    def ask(self, order: dict[str, Any], memory: mmap | bytes) -> tuple[dict[str, Any], list[Any]]:
         """Return the head and the arrays of an answer; EOFError where the process ended."""
         with self._lock:
             try:
-                return self._ask(order)
+                return self._ask(order, memory)
             except BaseException:
                 # an answer that was not read whole cannot be told from the next one
                 self.end()
                 raise
 
-    def _ask(self, order: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+    def _ask(self, order: dict[str, Any], memory: mmap | bytes) -> tuple[dict[str, Any], list[Any]]:
         to, back = self._process.stdin, self._process.stdout
         if to is None or back is None or to.closed:
             raise EOFError
@@ -262,7 +242,7 @@ class ReaderProcess:
             raise EOFError from None
         size = int.from_bytes(_exactly(back, 8), "little")
         head: dict[str, Any] = json.loads(_exactly(back, size))
-        return head, _arrays(back, head.pop("kinds"))
+        return head, _arrays(back, memory, head.pop("kinds", ()))
 
     def why_ended(self) -> str:
         """Return what became of the process."""
@@ -290,22 +270,20 @@ def _exactly(file: IO[bytes], count: int) -> bytes:
     return data
 
 
-def _arrays(file: Any, kinds: Sequence[tuple[str, int]]) -> list[Any]:
-    """Read the arrays of one piece; numbers stand in one block of memory."""
+def _arrays(
+    file: Any, memory: mmap | bytes, kinds: Sequence[tuple[str, int, int | None]]
+) -> list[Any]:
+    """Return the arrays of one piece: from the pipe, or as they lie in the memory."""
     found: list[Any] = []
-    counts = [count for kind, count in kinds if kind != "text"]
-    if any(count > PIECE_ROWS for count in counts):
-        raise EOFError
-    block, at = np.empty(8 * sum(counts), dtype=np.uint8), 0
-    for kind, count in kinds:
+    for kind, count, at in kinds:
         if kind == "text":
             found.append(text_cells(json.loads(_exactly(file, count))))
-            continue
-        part = block[at : at + 8 * count]
-        if kind not in _KINDS or file.readinto(part.data) != 8 * count:
+        elif kind not in _KINDS or count > PIECE_ROWS:
             raise EOFError
-        found.append(part.view(kind))
-        at += 8 * count
+        elif at is not None:
+            found.append(np.frombuffer(memory, kind, count, at))
+        else:
+            found.append(np.frombuffer(_exactly(file, 8 * count), kind))
     return found
 
 
@@ -327,11 +305,14 @@ def end_reader() -> None:
         _running.end()
 
 
-class _IsolatedSource(Source):
+class IsolatedSource(Source):
+    """A file that is read by a library in a process of its own."""
+
     def __init__(self, path: Path, form: str, module: str, library: str, extra: str) -> None:
         super().__init__(path, form)
         self._process = _running_process()
         self._number = self._process.opened
+        self._memory: mmap | bytes = b""
         self._process.opened += 1
         head, _ = self._ask("open", module=module, library=library)
         if head.get("missing"):
@@ -347,7 +328,7 @@ class _IsolatedSource(Source):
     def _ask(self, what: str, **more: Any) -> tuple[dict[str, Any], list[Any]]:
         order = {"do": what, "file": self._number, "path": str(self.path), "form": self.form}
         try:
-            head, arrays = self._process.ask({**order, **more})
+            head, arrays = self._process.ask({**order, **more}, self._memory)
         except EOFError:
             raise damaged(self.path, self.form, self._process.why_ended()) from None
         if "error" in head:
@@ -356,7 +337,9 @@ class _IsolatedSource(Source):
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield what the reader yields."""
-        self._ask("pieces", names=list(names))
+        with shared_memory(_SHARED_BYTES) as (memory, path):
+            self._ask("pieces", names=list(names), memory=path)
+        self._memory = memory
         while True:
             head, arrays = self._ask("next")
             if head.get("end"):
@@ -377,8 +360,3 @@ class _IsolatedSource(Source):
 def _as_error(body: dict[str, Any]) -> HdbenchError:
     kind = UsageError if body["exit_code"] == UsageError.exit_code else DataError
     return kind(body["what"], where=body["where"], fix=body["fix"])
-
-
-def open_isolated(path: Path, form: str, module: str, library: str, extra: str) -> Source:
-    """Open a file by a reader in a process of its own."""
-    return _IsolatedSource(path, form, module, library, extra)

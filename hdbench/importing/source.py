@@ -18,7 +18,7 @@ from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.units import bare_name
 
 # rows that are in memory at a time: bounds the memory whatever the size of the file
-PIECE_ROWS = 1 << 16
+PIECE_ROWS, _PIECE_NUMBERS = 1 << 16, 1 << 22
 # a file that claims more is damaged or made to harm; a wide log of a robot has some hundreds
 MOST_CHANNELS = 20_000
 _LONGEST_UNIT = 40
@@ -124,8 +124,16 @@ class Source(ABC):
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield the samples of channels of one clock, in pieces of a bounded number of rows.
 
-        Numbers are arrays of float64, int64 or uint64; cells of text are arrays of str objects.
+        Numbers are arrays of float64, int64 or uint64, which the next piece may overwrite; cells
+        of text are arrays of str objects.
         """
+
+    def read(self, names: Sequence[str]) -> Iterator[Piece]:
+        """Yield the pieces; whatever a library raises on damaged bytes becomes our error."""
+        try:
+            yield from self.pieces(names)
+        except Exception as error:
+            raise told(self.path, self.form, error) from error
 
     def own_time(self, clock: str) -> Channel | None:
         """Return the channel that the file names as the time of a clock."""
@@ -155,10 +163,37 @@ class Source(ABC):
         self.channels = tuple(kept)
 
 
-def spans(rows: int) -> Iterator[tuple[int, int]]:
+class Column:
+    """Numbers that come piece by piece, as many as a file says or as many as there are."""
+
+    def __init__(self, rows: int | None) -> None:
+        self._values = np.empty(rows or PIECE_ROWS)
+        self._count = 0
+
+    def add(self, values: NDArray[Any]) -> None:
+        """Put numbers behind those that are there."""
+        end = self._count + len(values)
+        if end > len(self._values):
+            grown = np.empty(2 * end)
+            grown[: self._count] = self.whole()
+            self._values = grown
+        self._values[self._count : end] = values
+        self._count = end
+
+    def whole(self) -> NDArray[np.float64]:
+        """Return what came so far."""
+        return self._values[: self._count]
+
+
+def piece_rows(numbers: int) -> int:
+    """Return how many rows a piece has, by the numbers that each takes in memory."""
+    return max(1, min(PIECE_ROWS, _PIECE_NUMBERS // max(1, numbers)))
+
+
+def spans(rows: int, most: int = PIECE_ROWS) -> Iterator[tuple[int, int]]:
     """Yield where each piece of so many rows begins, and how many rows it has."""
-    for start in range(0, rows, PIECE_ROWS):
-        yield start, min(PIECE_ROWS, rows - start)
+    for start in range(0, rows, most):
+        yield start, min(most, rows - start)
 
 
 def text_cells(cells: Sequence[str]) -> NDArray[Any]:
@@ -219,7 +254,8 @@ def told(path: Path, form: str, error: Exception) -> HdbenchError:
     if isinstance(error, HdbenchError):
         return error
     if isinstance(error, MemoryError):
-        return damaged(path, form, "it asks for more memory than there is")
+        error = damaged(path, form, "it asks for more memory than there is")
+        return DataError(error.what, where=error.where, fix=f"split it, or {error.fix}")
     if isinstance(error, PermissionError):
         return DataError("cannot read: no right to", where=str(path), fix="ask for the right to it")
     return damaged(path, form, error)

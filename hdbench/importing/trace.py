@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.convert import Conversion, Derived, derived_columns
-from hdbench.importing.source import Source, listed
+from hdbench.importing.convert import Conversion, Derived, derived_columns, is_alike, pace_ratio
+from hdbench.importing.source import Column, Source, listed
 from hdbench.records.trace import FloatArray, Trace
 
 # a trace of more cells is read by no other command: some 1 GB of text
@@ -95,25 +95,24 @@ def _check_times(conversion: Conversion, time: FloatArray, row: int, last: float
 
 
 def _clock(
-    source: Source,
-    conversions: Sequence[Conversion],
-    time: Conversion | None,
-    keep_time: bool,
+    source: Source, conversions: Sequence[Conversion], time: Conversion | None, keep_time: bool
 ) -> tuple[Fraction, FloatArray, dict[str, FloatArray]]:
     """Read the channels of one clock, with its times where they are in the file."""
     names = list(dict.fromkeys(c.column.channel.name for c in conversions))
     wanted = names if time is None else [*names, time.column.channel.name]
     start: Fraction | None = Fraction(0) if keep_time else None
-    times: list[FloatArray] = []
-    parts: dict[str, list[FloatArray]] = {c.target: [] for c in conversions}
-    rows, last = 0, -np.inf
+    rows, last = next((c.rows for c in source.channels if c.name in wanted), None) or 0, -np.inf
+    _check_size(source, rows, len(conversions))
+    times = Column(rows if time else None)
+    columns = {c.target: Column(rows) for c in conversions}
+    rows = 0
     source.rounded = frozenset(
         name
         for name in names
         if all(c.as_it_is for c in conversions if c.column.channel.name == name)
         and (time is None or time.column.channel.name != name)
     )
-    for piece in source.pieces(list(dict.fromkeys(wanted))):
+    for piece in source.read(list(dict.fromkeys(wanted))):
         count = len(next(iter(piece.values())))
         if not count:
             continue
@@ -121,20 +120,15 @@ def _clock(
             found, start = time.seconds(piece[time.column.channel.name], rows, start)
             _check_times(time, found, rows, last)
             last = float(found[-1])
-            times.append(found)
+            times.add(found)
         for conversion in conversions:
             raw = piece[conversion.column.channel.name]
-            parts[conversion.target].append(conversion.piece(raw, rows))
+            columns[conversion.target].add(conversion.piece(raw, rows))
         rows += count
-        if rows * (len(parts) + 1) > MOST_CELLS:
-            raise DataError(
-                f"more than {MOST_CELLS // (len(parts) + 1)} rows of {len(parts) + 1} columns",
-                where=str(source.path),
-                fix="map fewer columns, or split the file",
-            )
+        _check_size(source, rows, len(conversions))
     if not rows:
         raise DataError("no data", where=str(source.path), fix="check the file, or record again")
-    whole = {c.target: c.whole(np.concatenate(parts.pop(c.target))) for c in conversions}
+    whole = {c.target: c.whole(columns[c.target].whole()) for c in conversions}
     for conversion in conversions:
         if not np.isfinite(whole[conversion.target]).any():
             raise DataError(
@@ -142,7 +136,17 @@ def _clock(
                 where=str(source.path),
                 fix=f"map another channel to {conversion.target}, or leave its --map out",
             )
-    return start or Fraction(0), np.concatenate(times) if times else np.empty(0), whole
+    return start or Fraction(0), times.whole(), whole
+
+
+def _check_size(source: Source, rows: int, mapped: int) -> None:
+    columns = mapped + 1
+    if rows * columns > MOST_CELLS:
+        raise DataError(
+            f"more than {MOST_CELLS // columns} rows of {columns} columns",
+            where=str(source.path),
+            fix="map fewer columns, or split the file",
+        )
 
 
 def _constant(name: str, text: str) -> float:
@@ -157,7 +161,8 @@ def _constant(name: str, text: str) -> float:
     return value
 
 
-def _no_time(source: Source) -> DataError:
+def no_time(source: Source) -> DataError:
+    """Return the error of a log without a time."""
     return DataError(
         "no time column; needed: the time of every row, or the sample rate",
         where=str(source.path),
@@ -192,7 +197,7 @@ def _read(part: Part, rate: Fraction | None, keep_time: bool) -> _Read:
         return _with_constants(part, _Read(part.source, Fraction(0), time, columns))
     times = {clock: _time_of(part, clock) for clock in by_clock}
     if any(time is None for time in times.values()):
-        raise _no_time(part.source)
+        raise no_time(part.source)
     read = {c: _clock(part.source, by_clock[c], times[c], keep_time) for c in by_clock}
     start, time, columns = read.pop(main)
     notes = []
@@ -332,7 +337,9 @@ def joined_trace(
         columns[name] = np.concatenate([read.columns[name] for read in reads])
     _check_doubles(columns["time_s"], reads[0].source)
     new, steps = derived_columns(columns, derived, str(reads[0].source.path))
-    notes = tuple(note for read in reads for note in read.notes)
+    whole = {**columns, **new}
+    notes = [note for read in reads for note in read.notes]
+    notes += _doubts(whole)
     origin = None if keep_time else Decimal(start.numerator) / Decimal(start.denominator)
     first = parts[0].conversions
     done = {name: c.told() for name, c in first.items() if not name.startswith("time_s of ")}
@@ -342,8 +349,22 @@ def joined_trace(
     done |= {name: [f"every row is {text}"] for name, text in parts[0].constants.items()}
     if rate_hz is not None:
         done["time_s"] = [f"counted at {rate_hz!r} Hz, as given by --rate"]
-    trace = Trace({**columns, **new}, str(reads[0].source.path))
-    return Joined(trace, origin, {**done, **steps}, notes)
+    trace = Trace(whole, str(reads[0].source.path))
+    return Joined(trace, origin, {**done, **steps}, tuple(notes))
+
+
+def _doubts(columns: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Yield the rate that the times mean, and where angle and velocity tell of unlike motions."""
+    time = columns["time_s"]
+    yield f"{time[-1] - time[0]:.6g} s at {_rate(time):.5g} Hz"
+    if not {"motor_angle_rad", "motor_velocity_rad_s"} <= columns.keys():
+        return
+    ratio = pace_ratio(time, columns["motor_angle_rad"], columns["motor_velocity_rad_s"])
+    if ratio is not None and not is_alike(ratio):
+        yield (
+            f"doubtful: motor_velocity_rad_s is {ratio:.4g} times the rate of motor_angle_rad: "
+            "one of them has another unit, side of the gear or sign"
+        )
 
 
 def _check_doubles(time: FloatArray, source: Source) -> None:

@@ -1,4 +1,4 @@
-"""Units that headers of foreign logs state, and what turns them into those of our columns."""
+"""What headers of foreign logs state: a time, or a unit and what turns it into ours."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ _BEHIND = re.compile(
 _TWO_BEHIND = re.compile(r"(?P<name>.*?[A-Za-z0-9])[_ ](?P<unit>[A-Za-z]+[_ ][A-Za-z]+)")
 _PER_BEHIND = re.compile(
     r"(?P<name>.*[A-Za-z0-9])_(?P<above>rad|deg|rev|turns)_?(?:per_)?(?P<below>s|sec|min)"
+)
+_TIME = re.compile(
+    r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
 )
 # longest first: `_rad_s` ends in `_s` too
 _SUFFIXES = (
@@ -43,6 +46,7 @@ _SCALES: dict[str, dict[str, Decimal]] = {
     "rad/s": {
         **dict.fromkeys(("rad/s", "rad/sec", "rad s-1", "radians/s"), Decimal(1)),
         **dict.fromkeys(("rpm", "1/min", "min-1", "min^-1", "r/min", "u/min"), _PER_RPM),
+        **dict.fromkeys(("tr/min", "giri/min", "upm"), _PER_RPM),
         **dict.fromkeys(("deg/s", "°/s", "degrees/s"), _PER_DEGREE),
         **dict.fromkeys(("rev/s", "1/s"), _PER_TURN),
         **dict.fromkeys(("deg/sec", "°/sec", "dps"), _PER_DEGREE),
@@ -55,7 +59,9 @@ _SCALES: dict[str, dict[str, Decimal]] = {
     "rad": {
         **dict.fromkeys(("rad", "radian", "radians"), Decimal(1)),
         "mrad": Decimal("0.001"),
-        **dict.fromkeys(("deg", "°", "degree", "degrees"), _PER_DEGREE),
+        **dict.fromkeys(
+            ("deg", "°", "degree", "degrees", "degrés", "gradi", "grados"), _PER_DEGREE
+        ),
         **dict.fromkeys(("rev", "turns", "turn"), _PER_TURN),
     },
     "N m": {
@@ -76,10 +82,7 @@ _SCALES: dict[str, dict[str, Decimal]] = {
         **dict.fromkeys(("mv", "millivolt", "millivolts"), Decimal("0.001")),
         **dict.fromkeys(("uv", "µv", "μv"), Decimal("0.000001")),
     },
-    "A": {
-        **dict.fromkeys(("a", "amp", "amps", "ampere"), Decimal(1)),
-        "ma": Decimal("0.001"),
-    },
+    "A": {**dict.fromkeys(("a", "amp", "amps", "ampere"), Decimal(1)), "ma": Decimal("0.001")},
     "degC": dict.fromkeys(("c", "°c", "degc", "deg c"), Decimal(1)),
     "kg": {"kg": Decimal(1), "g": Decimal("0.001"), "lb": _POUND_KG, "lbs": _POUND_KG},
 }
@@ -103,10 +106,9 @@ def _parted(header: str) -> tuple[str, str]:
     if match and _spelled(match["unit"], "N m") in _SCALES["N m"]:
         return match["name"], match["unit"]
     match = _BEHIND.fullmatch(header)
+    name, unit = (match["name"], match["unit"]) if match else (header, header)
     # one letter, or that of the least value, may mean anything
-    if match and len(match["unit"]) > 1 and match["unit"] != "min" and known_unit(match["unit"]):
-        return match["name"], match["unit"]
-    return header, ""
+    return (name, unit) if len(unit) > 1 and unit != "min" and known_unit(unit) else (header, "")
 
 
 def stated_unit(header: str) -> str:
@@ -117,6 +119,11 @@ def stated_unit(header: str) -> str:
 def bare_name(header: str) -> str:
     """Return a column name without the unit behind it."""
     return _parted(header)[0]
+
+
+def is_time_name(name: str) -> bool:
+    """Return whether a column is named as a time."""
+    return _TIME.fullmatch(name.strip().rpartition("/")[2]) is not None
 
 
 def target_unit(column: str) -> str:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import importlib
+import mmap
 import os
 import signal
-import subprocess
 import sys
 import threading
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import subprocess
 
 # what a pipe of Linux holds; others keep their own size
 _PIPE_BYTES = 1 << 20
@@ -73,6 +76,8 @@ def start_child(module: str, settings: Mapping[str, str]) -> Fork | subprocess.P
     """
     if sys.platform == "linux" and threading.active_count() == 1:
         return _fork(module, settings)
+    import subprocess
+
     return subprocess.Popen(
         child_command(module),
         stdin=subprocess.PIPE,
@@ -108,6 +113,29 @@ def _fork(module: str, settings: Mapping[str, str]) -> Fork:
         code = 0
     finally:
         os._exit(code)
+
+
+@contextmanager
+def shared_memory(size: int) -> Iterator[tuple[mmap.mmap | bytes, str]]:
+    """Hand out memory, and the path by which a child maps it too while this lasts.
+
+    Both are empty where the system has no file that lies in memory only.
+    """
+    if sys.platform != "linux":
+        yield b"", ""
+        return
+    with os.fdopen(os.memfd_create("hdbench"), "r+b") as file:
+        file.truncate(size)
+        yield mmap.mmap(file.fileno(), size), f"/proc/{os.getpid()}/fd/{file.fileno()}"
+
+
+def mapped(path: str) -> mmap.mmap | bytes:
+    """Return memory that another process shares; none where it cannot be reached."""
+    try:
+        with open(path, "r+b") as file:
+            return mmap.mmap(file.fileno(), 0)
+    except OSError:
+        return b""
 
 
 def held_bytes() -> int:

@@ -27,9 +27,9 @@ KilledWorker = pytest.importorskip("distributed").KilledWorker
 HDBENCH = [sys.executable, "-m", "hdbench_cli"]
 
 
-def record(path: Path, seed: int) -> Path:
-    """Write four seconds of a motion with ripple."""
-    t = np.arange(4000) * 1e-3
+def record(path: Path, seed: int, seconds: int = 4) -> Path:
+    """Write a motion with ripple."""
+    t = np.arange(1000 * seconds) * 1e-3
     v = 100.0 + 60.0 * np.sin(2.0 * t)
     angle = 100.0 * t + 30.0 * (1.0 - np.cos(2.0 * t))
     rng = np.random.default_rng(seed)
@@ -146,9 +146,9 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
 
 
 def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path, tmp_path: Path):
-    # so many that the batch is not done when the signal arrives
-    for seed in range(3, 11):
-        record(traces / f"drive-{seed}.csv", seed)
+    # so long that the batch is not done when the signal arrives
+    for seed in range(3, 6):
+        record(traces / f"drive-{seed}.csv", seed, 60)
     out = tmp_path / "out"
     words = ["run-ripple", str(traces), "--workers", "1", "--out", str(out)]
     running = subprocess.Popen(
@@ -165,7 +165,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path,
     assert "--resume" in error
     assert "Traceback" not in error
     assert not (out / ".parts").exists()
-    assert len(table(out)) < 12
+    assert len(table(out)) < 7
     assert batch(*words, "--resume").returncode == 6
     undisturbed = [*words[:-1], str(tmp_path / "whole")]
     assert batch(*undisturbed).returncode == 6

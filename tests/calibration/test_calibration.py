@@ -93,9 +93,6 @@ def test_consistency_is_the_sample_coefficient_of_variation() -> None:
     # scipy is another implementation of std (ddof 1) over mean
     assert result.consistency == pytest.approx(stats.variation(EIGHT, ddof=1), rel=1e-9)
     assert result.accepted is True
-
-
-def test_a_limit_below_the_consistency_rejects() -> None:
     assert evaluate_calibration(loads_of(EIGHT), max_consistency=0.02).accepted is False
 
 

@@ -151,17 +151,6 @@ def test_the_mixed_model_agrees_with_statsmodels(dropped, effects: bool) -> None
     assert found.repeatability_nm_per_v == pytest.approx(math.sqrt(float(fit.scale)), rel=2e-3)
 
 
-def test_the_balanced_mixed_model_is_the_analysis_of_variance() -> None:
-    found, anova = mixed_fit(FLAT, PLACES, [()] * 8), one_way(EIGHT)
-    assert found is not None
-    assert anova is not None
-    assert found.between_positions_nm_per_v == pytest.approx(
-        anova.between_positions_nm_per_v, rel=1e-6
-    )
-    assert found.gain_nm_per_v.std == pytest.approx(anova.mean_std_nm_per_v, rel=1e-6)
-    assert found.gain_nm_per_v.dof == pytest.approx(3.0, rel=1e-6)
-
-
 def test_a_mixed_model_without_data_for_its_effects_is_refused() -> None:
     assert mixed_fit([1.0, 2.0, 3.0], [0, 0, 0], [()] * 3) is None
     assert mixed_fit([1.0, 2.0], [0, 1], [("cw",), ("ccw",)]) is None

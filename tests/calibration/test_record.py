@@ -133,8 +133,8 @@ def test_intervals_of_simulated_calibrations_cover_the_mean_of_both_directions()
 
 
 def test_intervals_cover_where_an_experiment_was_lost() -> None:
-    found = tool().count(60, 12, "one lost")
-    assert found.covered >= stats.binom.ppf(1e-3, 60, 0.93)
+    found = tool().count(40, 12, "one lost")
+    assert found.covered >= stats.binom.ppf(1e-3, 40, 0.93)
 
 
 def test_a_gain_holds_what_is_declared_of_the_torque_and_does_not_average_it_away() -> None:

@@ -16,8 +16,8 @@ from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
 from hdbench.calibration.staircase.plateaus import find_glitches, find_plateaus, find_stuck
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.mapping import ColumnMap, Constant
-from hdbench.importing.text import ForeignFormat
+from hdbench.importing.layout import ForeignFormat
+from hdbench.importing.mapping import Entry
 from hdbench.profile import load_profile
 from hdbench.records.tables import read_loads
 
@@ -33,7 +33,7 @@ def cell_file() -> Path:
 
 
 def cell_plan(column: int, loads: tuple[float, ...] = LB, **more: object) -> StaircasePlan:
-    maps = (ColumnMap("time_s", "1*0.001"), ColumnMap("reading_v", str(column)))
+    maps = (Entry("time_s", "1*0.001"), Entry("reading_v", str(column)))
     return StaircasePlan(maps, (), loads, "lb", layout=ForeignFormat(",", False), **more)
 
 
@@ -191,9 +191,9 @@ def written(tmp_path: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     ("constants", "maps", "error", "text"),
     [
-        ((Constant("series", "up"),), ("t", "v"), UsageError, "no meaning for a staircase"),
-        ((Constant("direction", "left"),), ("t", "v"), UsageError, "direction is 'left'"),
-        ((Constant("position_rad", "nan"),), ("t", "v"), UsageError, "position_rad"),
+        ((Entry("series", "up"),), ("t", "v"), UsageError, "no meaning for a staircase"),
+        ((Entry("direction", "left"),), ("t", "v"), UsageError, "direction is 'left'"),
+        ((Entry("position_rad", "nan"),), ("t", "v"), UsageError, "position_rad"),
         ((), (None, "v"), UsageError, "no time"),
         ((), ("t", None), UsageError, "no readings"),
         ((), ("v", "v"), DataError, "time does not rise"),
@@ -206,7 +206,7 @@ def test_a_staircase_that_cannot_be_brought_in_says_why(
     file = written(tmp_path, "t,v\n" + "".join(f"{k},{k % 3}\n" for k in range(9)))
     names = zip(("time_s", "reading_v"), maps, strict=True)
     plan = StaircasePlan(
-        tuple(ColumnMap(name, source) for name, source in names if source), constants, LB
+        tuple(Entry(name, source) for name, source in names if source), constants, LB
     )
     with pytest.raises(error, match=text) as caught:
         import_staircase(plan, file, tmp_path / "out.csv", arm())
@@ -216,6 +216,6 @@ def test_a_staircase_that_cannot_be_brought_in_says_why(
 
 def test_the_input_is_never_overwritten(tmp_path: Path) -> None:
     file = written(tmp_path, "t,v\n0,1\n1,2\n")
-    plan = StaircasePlan((ColumnMap("time_s", "t"), ColumnMap("reading_v", "v")), (), LB)
+    plan = StaircasePlan((Entry("time_s", "t"), Entry("reading_v", "v")), (), LB)
     with pytest.raises(UsageError, match="is the input"):
         import_staircase(plan, file, file, arm())

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from worked_example import SERIES, worked_loads
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.applied import TorqueAccount
@@ -16,14 +19,6 @@ from hdbench.calibration.readings import taken_readings
 from hdbench.calibration.stepwise.evaluation import CLASSES, class_limit, classify, evaluate_group
 from hdbench.calibration.stepwise.series import step_groups
 from hdbench.records import LoadReading, Loads
-
-_FILE = Path(__file__).with_name("worked_example.py")
-_SPEC = importlib.util.spec_from_file_location("calibration_worked_example", _FILE)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-_WORKED = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(_WORKED)
-SERIES, worked_loads = _WORKED.SERIES, _WORKED.worked_loads
 
 # relative standard uncertainty of the applied torque in the example: 0.013 %
 ACCOUNT = TorqueAccount("given", None, (), 9.81, "given", ((40.0, 0.013e-2),))

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.gains import one_way, plain_mean
+from hdbench.calibration.gains import plain_mean
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
@@ -48,17 +48,6 @@ def calibration(gains=(6.5, 6.6, 6.7, 6.65), **more):
 def found(readings, **columns):
     loads = Loads(tuple(readings), extra_columns=columns)
     return evaluate_calibration(loads, max_consistency=0.05)
-
-
-def test_the_plain_mean_of_equal_positions_is_the_analysis_of_variance() -> None:
-    gains = [6.43, 6.46, 6.50, 6.56, 6.63, 6.69, 6.75, 6.78]
-    places = [0, 0, 1, 1, 2, 2, 3, 3]
-    mean = plain_mean(gains, places, [("cw",), ("ccw",)] * 4)
-    anova = one_way(np.reshape(gains, (4, 2)).tolist())
-    assert anova is not None
-    # the same sum of squares by two routes: rounding
-    assert mean.std == pytest.approx(anova.mean_std_nm_per_v, rel=1e-9)
-    assert mean.dof == 3.0
 
 
 @pytest.mark.parametrize(

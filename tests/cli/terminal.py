@@ -79,7 +79,7 @@ class Person:
         while self._read(0.1):
             assert time.monotonic() < until, f"does not end: {self.text[-600:]!r}"
         os.close(self.master)
-        return self.process.wait(10)
+        return self.process.wait(60)
 
     def _read(self, seconds: float) -> bool:
         """Take what is shown; False once the terminal is closed."""

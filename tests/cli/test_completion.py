@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
-import sys
 
 import pytest
 
@@ -14,59 +12,50 @@ from hdbench.filter import PRESETS
 from hdbench.profile import list_profiles
 
 
-def hdbench(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hdbench_cli", *words],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+@pytest.fixture
+def completed(hdbench, monkeypatch):
+    """Return a function that completes a line as a shell asks for it."""
 
+    def complete(line: str) -> set[str]:
+        monkeypatch.setenv("_HDBENCH_COMPLETE", "bash_complete")
+        monkeypatch.setenv("COMP_WORDS", line)
+        monkeypatch.setenv("COMP_CWORD", str(line.count(" ")))
+        shown, said = hdbench()
+        assert said == ""
+        return {row.partition(",")[2] for row in shown.splitlines()}
 
-def completed(line: str) -> set[str]:
-    words = line.split(" ")
-    done = hdbench(
-        _HDBENCH_COMPLETE="bash_complete", COMP_WORDS=line, COMP_CWORD=str(len(words) - 1)
-    )
-    assert done.stderr == ""
-    return {row.partition(",")[2] for row in done.stdout.splitlines()}
+    return complete
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_is_one_that_its_shell_reads(shell: str) -> None:
-    done = hdbench("completion", shell)
-    assert done.returncode == 0
-    assert "_HDBENCH_COMPLETE" in done.stdout
-    assert "to install it" in done.stderr
+def test_the_script_is_one_that_its_shell_reads(shell: str, hdbench) -> None:
+    script, said = hdbench("completion", shell)
+    assert "_HDBENCH_COMPLETE" in script
+    assert "to install it" in said
     if program := shutil.which(shell):
         check = subprocess.run(
-            [program, "-n"], input=done.stdout, text=True, capture_output=True, check=False
+            [program, "-n"], input=script, text=True, capture_output=True, check=False
         )
         assert check.returncode == 0, check.stderr
 
 
-def test_commands_and_options_are_completed() -> None:
+def test_commands_and_options_are_completed(completed) -> None:
     assert completed("hdbench run-") == {"run-misalignment", "run-ripple"}
     assert {"list", "show", "verify"} <= completed("hdbench runs ")
     assert "--materiality" in completed("hdbench diagnose --m")
 
 
-def test_names_of_profiles_plants_and_filters_are_completed() -> None:
+def test_names_of_profiles_plants_and_filters_are_completed(completed) -> None:
     assert set(list_profiles()) <= completed("hdbench run-ripple --profile ")
     assert "worn" in completed("hdbench run-ripple --plant w")
     assert {*PRESETS, "tuned"} <= completed("hdbench filter x.csv --model ")
 
 
-def test_the_script_comes_as_json_too() -> None:
-    done = hdbench("completion", "fish", "--json")
-    body = json.loads(done.stdout)
+def test_the_script_comes_as_json_too(hdbench) -> None:
+    body = json.loads(hdbench("completion", "fish", "--json")[0])
     assert body["schema"] == "hdbench/completion/1"
     assert "complete" in body["script"]
 
 
-def test_another_shell_is_refused_with_the_known_ones() -> None:
-    done = hdbench("completion", "csh")
-    assert done.returncode == 2
-    assert "bash" in done.stderr
+def test_another_shell_is_refused_with_the_known_ones(hdbench) -> None:
+    assert "bash" in hdbench("completion", "csh", code=2)[1]

@@ -2,19 +2,19 @@
 
 import io
 import json
-import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
 
 from hdbench.records import Trace, write_trace
 from hdbench.report.diagnosis.limits import left_out_line, rest_line
 from hdbench.results import DiagnosisResult
+from hdbench_cli import main as main_module
 from hdbench_cli.commands.diagnosis_text import lines, names_line
-from hdbench_cli.main import main
-from hdbench_cli.output import show_lines
+from hdbench_cli.output import Output, show_lines
 
 # contract, section 5
 KEYS = {
@@ -91,25 +91,25 @@ def trace_file(folder, amplitude_nm, change=lambda torque: None):
     return file
 
 
-@pytest.fixture
-def run(tmp_path, capsys, monkeypatch):
-    """Return a function that runs the command and returns exit code and stdout."""
-    # the handlers of the test process stay its own
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
-
-    def call(*arguments):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main(["diagnose", "--out", str(tmp_path / "runs"), *arguments])
-        return ended.value.code, capsys.readouterr().out
-
-    return call
+def run(folder, *words):
+    """Return exit code and stdout of the command, its runs in `folder`."""
+    arguments = ["diagnose", "--out", str(folder / "runs"), *map(str, words)]
+    with CliRunner().isolation() as streams:
+        code = main_module._run(arguments, Output(json="--json" in words))
+        return code, streams[0].getvalue().decode()
 
 
-def test_a_hidden_order_is_one_json_object_with_the_contracts_keys(tmp_path, run):
-    code, out = run("--json", str(trace_file(tmp_path, 0.1)))
-    assert code == 0
-    body = json.loads(out)
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory):
+    """Return the folder of a trace with a hidden order, and what is told of it."""
+    folder = tmp_path_factory.mktemp("hidden")
+    code, out = run(folder, "--json", "--check", trace_file(folder, 0.1))
+    assert code == 3
+    return folder, json.loads(out)
+
+
+def test_a_hidden_order_is_one_json_object_with_the_contracts_keys(hidden):
+    _, body = hidden
     assert set(body) >= KEYS
     assert body["schema"] == "hdbench/diagnosis/1"
     assert body["verdict"] == "named"
@@ -118,27 +118,29 @@ def test_a_hidden_order_is_one_json_object_with_the_contracts_keys(tmp_path, run
     assert cause["parameters"]["order"]["value"] == pytest.approx(5.5, abs=1e-3)
 
 
-def test_check_exits_3_on_a_finding_and_0_without(tmp_path, run):
-    assert run("--check", str(trace_file(tmp_path, 0.1)))[0] == 3
-    assert run("--check", str(trace_file(tmp_path, 0.0)))[0] == 0
+def test_the_extended_model_continues_and_leaves_nothing_to_find(hidden):
+    folder, body = hidden
+    assert Path(body["run_folder"], "model.json").samefile(body["model_file"])
+    code, _ = run(folder, "--check", "--model", body["model_file"], folder / "trace.csv")
+    assert code == 0
 
 
-def test_doubtful_data_exit_6_and_a_check_still_comes_first(tmp_path, run):
+def test_doubtful_data_exit_6_and_a_check_still_comes_first(tmp_path):
     def harm(torque):
         torque[2000:2040] = np.nan
 
     file = str(trace_file(tmp_path, 0.1, harm))
-    code, out = run("--json", file)
+    code, out = run(tmp_path, "--json", file)
     assert code == 6
     (flag,) = json.loads(out)["data_flags"]
     assert (flag["name"], flag["samples"]) == ("missed-samples", 40)
-    assert run("--check", file)[0] == 3
+    assert run(tmp_path, "--check", file)[0] == 3
 
 
-def test_loads_are_told_from_a_trace_by_their_columns(tmp_path, run):
+def test_loads_are_told_from_a_trace_by_their_columns(tmp_path):
     file = tmp_path / "loads.csv"
     file.write_text(LOADS)
-    code, out = run("--json", str(file))
+    code, out = run(tmp_path, "--json", file)
     body = json.loads(out)
     assert code == 0
     assert body["verdict"] == "cannot-tell"
@@ -146,17 +148,17 @@ def test_loads_are_told_from_a_trace_by_their_columns(tmp_path, run):
     assert set(body) >= KEYS
 
 
-def test_a_broken_cell_exits_4_with_file_and_line(tmp_path, run):
+def test_a_broken_cell_exits_4_with_file_and_line(tmp_path):
     file = tmp_path / "broken.csv"
     file.write_text("time_s,motor_velocity_rad_s,torque_nm\n0,1,0.5\n0.001,1,x\n")
-    code, out = run("--json", str(file))
+    code, out = run(tmp_path, "--json", file)
     assert code == 4
     assert "broken.csv:3" in json.loads(out)["error"]["where"]
     assert not (tmp_path / "runs").exists()
 
 
-def test_list_causes_holds_the_contracts_names_of_what_is_searched(run):
-    body = json.loads(run("--list-causes", "--json")[1])
+def test_list_causes_holds_the_contracts_names_of_what_is_searched(tmp_path):
+    body = json.loads(run(tmp_path, "--list-causes", "--json")[1])
     assert body["hdbench_version"]
     assert body["profile"] is None
     names = {cause["name"] for cause in body["causes"]}
@@ -181,13 +183,6 @@ def test_list_causes_holds_the_contracts_names_of_what_is_searched(run):
         assert all(parameter["unit"] for parameter in cause["parameters"])
 
 
-def test_the_extended_model_continues(tmp_path, run):
-    file = str(trace_file(tmp_path, 0.1))
-    body = json.loads(run("--json", file)[1])
-    assert Path(body["run_folder"], "model.json").samefile(body["model_file"])
-    assert run("--check", "--model", body["model_file"], file)[0] == 0
-
-
 def typed(body):
     """Return a result as its type."""
     return DiagnosisResult.from_json({"verdict": "nothing-found", **body}, "result.json")
@@ -200,10 +195,10 @@ def screen(body):
     return console.export_text().splitlines()
 
 
-def test_two_findings_fit_a_terminal_of_80_by_30(tmp_path, run):
-    body = json.loads(run("--json", str(trace_file(tmp_path, 0.1)))[1])
-    body["causes"][0]["separating_experiment"] = "two constant speeds"
-    body["causes"] *= 2
+def test_two_findings_fit_a_terminal_of_80_by_30(hidden):
+    (cause,) = hidden[1]["causes"]
+    causes = [{**cause, "separating_experiment": "two constant speeds"}] * 2
+    body = {**hidden[1], "causes": causes}
     body["testable"] = LIMITS["testable"]
     assert len(screen(body)) <= 28
     # nothing of a record that is not whole is lost at the top

@@ -16,6 +16,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from hdbench_cli import main as main_module
 from hdbench_cli import options
@@ -81,23 +82,18 @@ def write(file: Path, data: dict[str, np.ndarray], *, sep: str = ",", mark: str 
     return file
 
 
-def test_a_wrong_port(ask: Ask) -> None:
-    told = ask("run-ripple", "--yes", "--address", "tcp://127.0.0.1:1")
-    assert (told.code, told.kind) == (5, "device")
-    assert "tcp://127.0.0.1:1" in told.where
-    assert "doctor" in told.fix
-
-
-def test_an_address_without_its_scheme(ask: Ask) -> None:
-    told = ask("monitor", "--address", "/dev/ttyUSB0", "--duration", "1")
-    assert told.code == 2
-    assert "rtu:///dev/ttyUSB0" in told.fix
-
-
-def test_a_serial_port_that_is_not_there(ask: Ask) -> None:
-    told = ask("monitor", "--address", "rtu:///dev/ttyNONE", "--duration", "1")
-    assert told.code == 5
-    assert "hdbench devices" in told.fix
+@pytest.mark.parametrize(
+    ("words", "code", "fix"),
+    [
+        (("run-ripple", "--yes", "--address", "tcp://127.0.0.1:1"), 5, "doctor"),
+        (("monitor", "--address", "/dev/ttyUSB0", "--duration", "1"), 2, "rtu:///dev/ttyUSB0"),
+        (("monitor", "--address", "rtu:///dev/ttyNONE", "--duration", "1"), 5, "hdbench devices"),
+    ],
+)
+def test_an_address_where_nothing_is(ask: Ask, words: tuple[str, ...], code: int, fix: str) -> None:
+    told = ask(*words)
+    assert told.code == code
+    assert fix in told.fix
 
 
 def without_rights() -> list[str]:
@@ -259,14 +255,23 @@ def test_decimal_commas_and_a_spreadsheets_mark_lead_to_the_import(
         assert out.read_text().splitlines()[0] == ",".join(NAMES)
 
 
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return a run that was evaluated from a trace, and the last line of what was told."""
+    folder = tmp_path_factory.mktemp("evaluated")
+    file = write(folder / "trace.csv", columns())
+    words = ["run-ripple", "--from", str(file), "--no-report", "--out", str(folder / "my runs")]
+    with CliRunner(env={"NO_COLOR": "1"}).isolation() as streams:
+        assert main_module._run(words, Output()) == 0
+        told = streams[0].getvalue().decode()
+    (run,) = (folder / "my runs").iterdir()
+    return run, told.rstrip().splitlines()[-1]
+
+
 def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(
-    ask: Ask, tmp_path: Path
+    ask: Ask, evaluated: tuple[Path, str], tmp_path: Path
 ) -> None:
-    file = write(tmp_path / "trace.csv", columns())
-    ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
-    (made,) = (tmp_path / "runs").iterdir()
-    moved = tmp_path / "elsewhere" / "renamed"
-    shutil.move(made, moved)
+    moved = shutil.copytree(evaluated[0], tmp_path / "elsewhere" / "renamed")
     assert ask("runs", "verify", moved).code == 0
     (moved / "run.json").unlink()
     told = ask("run-ripple", "--from", moved, "--no-report", "--out", tmp_path / "runs")
@@ -275,12 +280,14 @@ def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(
     assert "runs list" in told.fix
 
 
-def test_a_listed_run_can_be_named_as_it_is_listed(
-    ask: Ask, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_a_listed_run_can_be_named_as_it_is_listed_and_tells_the_next_command(
+    evaluated: tuple[Path, str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    file = write(tmp_path / "trace.csv", columns())
-    ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "my runs")
-    monkeypatch.chdir(tmp_path)
+    run, last = evaluated
+    assert last.startswith("next    hdbench diagnose ")
+    monkeypatch.chdir(run.parents[1])
     assert main_module._run(["runs", "list", "my runs"], Output()) == 0
     listed = capsys.readouterr().out.split("  ")[0]
     assert main_module._run(["runs", "show", listed], Output()) == 0
@@ -402,20 +409,13 @@ def test_the_next_command_follows_the_work() -> None:
         "hdbench run-ripple --misalignment 'runs/a b' --calibration runs/c --profile mine.toml"
     )
     assert after_run("ripple", folder, {}) == "hdbench diagnose 'runs/a b'"
-    assert after_import("loads", Path("l.csv"), ()) == "hdbench calibrate --from l.csv"
-    assert after_import("trace", Path("t.csv"), ("torque_v",)) == ""
+    assert after_import("loads", Path("l.csv"), (), None) == "hdbench calibrate --from l.csv"
+    assert after_import("trace", Path("t.csv"), ("torque_v",), None) == ""
+    made = "hdbench profile new drive --from t.csv --out drive.toml"
+    assert after_import("trace", Path("t.csv"), ("tacho_v",), None) == made
+    told = "hdbench diagnose t.csv --profile a.toml"
+    assert after_import("trace", Path("t.csv"), ("tacho_v",), "a.toml") == told
     assert "--model t.json" in after_tune(Path("t.json"))
-
-
-def test_a_finished_run_ends_with_the_next_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("NO_COLOR", "1")
-    file = write(tmp_path / "trace.csv", columns())
-    words = ["run-ripple", "--from", str(file), "--no-report", "--out", str(tmp_path / "runs")]
-    assert main_module._run(words, Output()) == 0
-    last = capsys.readouterr().out.rstrip().splitlines()[-1]
-    assert last.startswith("next    hdbench diagnose ")
 
 
 @pytest.mark.parametrize(

@@ -84,9 +84,9 @@ def test_a_session_that_says_nothing_has_its_motor_stopped_and_is_told(tmp_path)
         turn(bench)
         assert motor(node) == pytest.approx(1.0)
         start_s = time.monotonic()
-        until(lambda: motor(node) == 0.0, 2.0)
-        # the silence it was given, its own round trip, the scheduler; the watchdog has 2 s
-        assert 0.2 < time.monotonic() - start_s < 1.5
+        # the silence it was given, and its own round trip; the watchdog has 2 s
+        assert until(lambda: motor(node) == 0.0, 2.0) < 1.5
+        assert time.monotonic() - start_s > 0.2
         assert node.core.machine.trips == 0
         log = tmp_path / "guard.jsonl"
         until(lambda: log.exists() and log.read_text().endswith("\n"), 2.0)
@@ -130,8 +130,8 @@ def test_a_session_whose_guard_dies_is_told_at_its_next_block(tmp_path):
         start_s = time.monotonic()
         watch = Stopwatch()
         with pytest.raises(DeviceError, match="guard process"):
-            read_until(bench, start_s + 3.0)
-        assert watch.s < 0.5
+            read_until(bench, start_s + 20.0)
+        assert watch.s < 5.0
 
 
 def test_what_ends_a_session_does_not_end_the_guard(tmp_path):
@@ -280,8 +280,8 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
         until(lambda: not guard.exists(), 5.0)
     events = [json.loads(line) for line in record.read_text().splitlines()]
     zero = next(e for e in events if e["event"] in ("stopped", "tripped"))
-    # silence of 0.45 s at most, a quiet line, the scheduler
-    assert zero["monotonic_s"] - gone_s < 2.0
+    # silence of 0.45 s at most, a quiet line, and what a busy computer adds
+    assert zero["monotonic_s"] - gone_s < 5.0
     if signum == signal.SIGKILL:
         assert zero["event"] == "stopped", "the guard was there before the watchdog"
 
@@ -310,7 +310,7 @@ def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
         with pytest.raises(FAULTS):
             wire.transact(READ)
         # four tenths of a second each, and the scheduler
-        assert watch.s < 2.0
+        assert watch.s < 5.0
     finally:
         wire.close()
 

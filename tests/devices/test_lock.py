@@ -101,7 +101,7 @@ def test_a_stop_ends_the_process_that_holds_the_bench():
         assert run.stdout.readline() == "held\n"
         assert holder(LINE) == run.pid
         release(LINE)
-        assert run.wait(5) == -signal.SIGTERM
+        assert run.wait(60) == -signal.SIGTERM
     assert holder(LINE) is None
 
 
@@ -116,14 +116,14 @@ os.write = lambda *told: (time.sleep(0.5), write(*told))[1]
         # between opening and locking it
         time.sleep(0.1)
         release(LINE)
-        assert run.wait(5) == -signal.SIGTERM
+        assert run.wait(60) == -signal.SIGTERM
 
 
 def test_a_process_that_died_holds_nothing_and_its_number_is_signalled_no_more():
     with process("-c", RUN, LINE) as run:
         assert run.stdout.readline() == "held\n"
         run.kill()
-        run.wait(5)
+        run.wait(60)
         assert holder(LINE) is None
         release(LINE)
         with exclusive(LINE):
@@ -242,7 +242,7 @@ def test_where_no_signal_is_safe_the_run_is_asked_to_end(monkeypatch):
     with process("-c", RUN, LINE) as run:
         assert run.stdout.readline() == "held\n"
         release(LINE)
-        assert run.wait(5) == -signal.SIGTERM
+        assert run.wait(60) == -signal.SIGTERM
     assert holder(LINE) is None
 
 
@@ -261,6 +261,6 @@ def test_without_locks_a_bench_is_held_while_its_process_answers(monkeypatch):
         with pytest.raises(BusyError, match=str(run.pid)), exclusive(LINE):
             pass
         run.kill()
-        run.wait(5)
+        run.wait(60)
     with exclusive(LINE):
         pass

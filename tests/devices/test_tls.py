@@ -152,7 +152,7 @@ def test_a_plain_modbus_server_is_no_secure_one():
         watch = Stopwatch()
         with pytest.raises(FrameError):
             _read_plain(port)
-        assert watch.s < 1.0
+        assert watch.s < 5.0
         thread.join(5)
 
 
@@ -186,7 +186,7 @@ def test_a_silent_server_does_not_hold_the_handshake_beyond_the_deadline(folder)
         with pytest.raises(FrameError):
             _read(listener.getsockname()[1], _files(folder), deadline_s=0.2)
         # 10 %, and what the scheduler may add
-        assert watch.s < 0.22 + 0.15
+        assert watch.s < 0.22 + 0.5
 
 
 def test_without_certificates_there_is_no_secure_address():

@@ -21,7 +21,7 @@ SERIAL = (register("serial"),)
 GOOD = bytes((3, 16)) + b"S/N 0001" + bytes(8)
 COMMAND = (register("command"),)
 # what two cores shared with other work may add to a wait, s
-SLACK_S = 0.15
+SLACK_S = 0.5
 
 
 def _reply(pdu: bytes) -> Callable[[socket.socket, bytes], None]:
@@ -71,7 +71,7 @@ WRONG_READ_REPLIES = {
 
 @pytest.mark.parametrize("fault", WRONG_READ_REPLIES)
 def test_a_wrong_reply_to_a_read_is_never_delivered_and_the_deadline_holds(fault):
-    deadline_s = 0.2
+    deadline_s = 0.6
     with rogue(WRONG_READ_REPLIES[fault]) as (host, port, frames):
         wire = node_wire(host, port, deadline_s=deadline_s)
         watch = Stopwatch()
@@ -130,16 +130,16 @@ def test_after_a_wrong_reply_the_connection_is_not_used_again(pdu):
 
 def test_a_first_byte_does_not_lengthen_the_wait():
     def one_byte(connection: socket.socket, request: bytes) -> None:
-        time.sleep(0.3)
+        time.sleep(1.2)
         connection.sendall(request[:1])
 
     with rogue(one_byte) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=0.4)
+        wire = node_wire(host, port, deadline_s=1.5)
         watch = Stopwatch()
         with pytest.raises(DeviceError, match="in time"):
             wire.write_once(COMMAND, b"\0\2")
-        # a wait begun anew by the byte would end after 0.7 s
-        assert watch.s < 1.1 * 0.4 + SLACK_S
+        # a wait begun anew by the byte would end after 2.7 s
+        assert watch.s < 1.1 * 1.5 + SLACK_S
         wire.close()
 
 

@@ -21,6 +21,15 @@ def ramp_angle(n: int) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linspace(20.0, 150.0, n - 1) * DT)])
 
 
+def fitted(signal: np.ndarray, angle: np.ndarray, time: np.ndarray):
+    """Return the fit of a constant and of the lines that the signal shows."""
+    everywhere = np.ones(len(signal), dtype=bool)
+    constant = np.ones((len(signal), 1))
+    return fit_with_lines(
+        constant, signal, everywhere, motor_angle_rad=angle, time_s=time, orders=()
+    )
+
+
 def test_false_alarm_probability_is_that_of_white_noise() -> None:
     rng = np.random.default_rng(1)
     n_runs, cycles = 300, np.arange(1000) * DT
@@ -38,14 +47,7 @@ def test_an_order_and_a_tone_are_each_named_in_their_own_domain(colour: float) -
     angle, time = ramp_angle(n), np.arange(n) * DT
     noise = lfilter([1.0], [1.0, -colour], 0.05 * np.sqrt(1 - colour**2) * rng.normal(size=n))
     signal = noise + 0.06 * np.cos(3.3 * angle) + 0.05 * np.cos(2.0 * np.pi * 41.0 * time)
-    found = fit_with_lines(
-        np.ones((n, 1)),
-        signal,
-        np.ones(n, dtype=bool),
-        motor_angle_rad=angle,
-        time_s=time,
-        orders=(),
-    )
+    found = fitted(signal, angle, time)
     places = {line.domain: line.location for line in found.lines}
     assert len(found.lines) == 2
     # a fiftieth of the resolution 1 / 81 turns and 1 / 6 s
@@ -62,14 +64,7 @@ def test_an_order_through_reversals_is_one_line_at_its_place(order: float) -> No
     velocity = 156.0 * np.clip(8.0 * np.sin(2.0 * np.pi * time / 6.0), -1.0, 1.0)
     angle = np.concatenate([[0.0], np.cumsum(velocity[:-1] * DT)])
     signal = 0.05 * rng.normal(size=n) + 0.2 * np.cos(order * angle + 1.0)
-    found = fit_with_lines(
-        np.ones((n, 1)),
-        signal,
-        np.ones(n, dtype=bool),
-        motor_angle_rad=angle,
-        time_s=time,
-        orders=(),
-    )
+    found = fitted(signal, angle, time)
     (line,) = found.lines
     assert line.domain == "motor-order"
     # Cramer-Rao: sqrt(24 / n) sigma / (A 2 pi span) = 3e-5 of an order for 73 turns; five of them
@@ -85,14 +80,7 @@ def test_at_constant_velocity_order_and_tone_are_said_to_be_alike() -> None:
     time = np.arange(n) * DT
     angle = 80.0 * time
     signal = 0.05 * rng.normal(size=n) + 0.05 * np.cos(3.3 * angle)
-    found = fit_with_lines(
-        np.ones((n, 1)),
-        signal,
-        np.ones(n, dtype=bool),
-        motor_angle_rad=angle,
-        time_s=time,
-        orders=(),
-    )
+    found = fitted(signal, angle, time)
     (line,) = found.lines
     assert line.domain == "motor-order"
     # far below the resolution, 1 over the length of the record

@@ -11,7 +11,8 @@ import pytest
 from hdbench.filter.kalman import kernel_form
 from hdbench.profile.schema import ProfileData
 
-sys.path.insert(0, str(Path(__file__).parent))  # filter_oracle
+# filter_oracle, tuning_campaign
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "tools")]
 
 PROFILE = Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml"
 

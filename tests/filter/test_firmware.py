@@ -110,11 +110,6 @@ def test_a_start_that_knows_little_passes_in_float(bench, tmp_path):
 
 
 @needs_compiler
-def test_the_sanitizers_find_nothing(bench, tmp_path):
-    assert "PASSED" in make(exported(tuned(bench), tmp_path), "sanitize")
-
-
-@needs_compiler
 def test_the_self_test_fails_where_the_numbers_are_others(bench, tmp_path):
     folder = exported(preset("report-6", bench), tmp_path)
     header = folder / "hdb_model.h"

@@ -276,7 +276,6 @@ def test_threads_on_states_of_their_own_do_not_disturb_each_other():
 
 
 def test_the_covariance_neither_drifts_nor_loses_its_sign():
-    # a reduced form of `tools/bench_filter.py --covariance`, which runs 1e8 samples
     model = tuned()
     n = 50_000
     t = np.arange(n) * 1e-3

@@ -1,4 +1,4 @@
-"""The recursion against equations 5-10, and against an independent library."""
+"""The recursion against equations 5-10."""
 
 from __future__ import annotations
 
@@ -134,33 +134,3 @@ def test_series_of_sine_and_cosine_are_those_of_the_mathematics_library(angle):
     cosine, sine = transitions(pack(free_model([1.0], [0.1])), angle, 1e-3)[0, :2]
     # 3e-16 of the series, half a unit in the last place of the library
     assert_allclose((cosine, sine), (np.cos(angle), np.sin(angle)), rtol=0.0, atol=4.2e-16)
-
-
-def test_statsmodels_predicts_the_same(bench, kernel):
-    statespace = pytest.importorskip("statsmodels.tsa.statespace.kalman_filter")
-    t, v, y, _ = motion(1500)
-    orders, noise, _ = REPORT["report-6"]
-    n = t.size
-    turn = np.append(v[:-1] * np.diff(t), 0.0)
-    phi = np.zeros((6, 6, n))
-    for i, order in enumerate(orders):
-        c, s = np.cos(order * turn), np.sin(order * turn)
-        phi[2 * i, 2 * i], phi[2 * i, 2 * i + 1] = c, s
-        phi[2 * i + 1, 2 * i], phi[2 * i + 1, 2 * i + 1] = -s, c
-    residual = y - expected_torque(t, v)
-    start = np.zeros(6)
-    start[::2] = residual[0]
-    other = statespace.KalmanFilter(k_endog=1, k_states=6)
-    other.bind(residual.copy())
-    other["design"] = np.array([[1.0, 0.0, 1.0, 0.0, 1.0, 0.0]])
-    other["obs_cov"] = np.array([[1.0]])
-    other["transition"] = phi
-    other["selection"] = np.eye(6)
-    other["state_cov"] = np.diag(np.repeat(noise, 2))
-    other.initialize_known(start, np.eye(6))
-    forecast = other.filter().forecasts[0]
-    block = OnlineFilter(preset("report-6", bench), kernel=kernel).process(t, v, y)
-    found = block.ripple_nm + block.misalignment_nm
-    # first sample: the report's start predicts 0; later only the order of operations differs
-    assert found[0] == 0.0
-    assert_allclose(found[1:], forecast[1:], rtol=0.0, atol=1e-9)

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from kernel_models import filter_model, order_block
 from numpy.testing import assert_array_equal
-from tuning_traces import tuned_like, turning
+from tuning_traces import GUARDED, tuned_like, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import FilterModel, OnlineFilter, OscillatorBlock, SlowBlock, preset
 from hdbench.filter.online import block_amplitudes
-
-GUARDED = replace(tuned_like(), torque_limit_nm=20.0, stuck_samples=5)
-FIELDS = (
-    "torque_expected_nm",
-    "ripple_nm",
-    "misalignment_nm",
-    "torque_filtered_nm",
-    "slow_nm",
-    "flags",
-)
 
 
 def stop_and_go():
@@ -120,39 +107,6 @@ def test_saturated_and_stuck_samples_are_flagged_and_only_predict():
     lost[2000:2010] = lost[3004:3050] = np.nan
     wanted = OnlineFilter(tuned_like()).process(t, v, lost, angle)
     assert_array_equal(block.torque_filtered_nm, wanted.torque_filtered_nm)
-
-
-def damaged():
-    t, v, angle, y = turning(0.6, seed=9)
-    y[100:140] = y[100]
-    y[200:260] = np.nan
-    y[300:320] = -30.0
-    y[590:] = y[590]
-    return t, v, y, angle
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.lists(st.integers(0, 600), max_size=10))
-def test_blocks_of_any_split_give_the_same_bits_with_slow_torque_and_guard(cuts):
-    data = damaged()
-    whole = OnlineFilter(GUARDED).process(*data)
-    online = OnlineFilter(GUARDED)
-    edges = [0, *sorted(cuts), 600]
-    parts = [online.process(*(c[a:b] for c in data)) for a, b in pairwise(edges)]
-    for name in FIELDS:
-        assert_array_equal(np.concatenate([getattr(p, name) for p in parts]), getattr(whole, name))
-
-
-@pytest.mark.parametrize("cut", [1, 120, 310, 595])
-def test_a_restored_state_goes_on_with_the_same_bits_with_guard(cut):
-    data = damaged()
-    whole = OnlineFilter(GUARDED).process(*data)
-    first, second = OnlineFilter(GUARDED), OnlineFilter(GUARDED)
-    first.process(*(c[:cut] for c in data))
-    second.restore([float(repr(x)) for x in first.state().tolist()])
-    rest = second.process(*(c[cut:] for c in data))
-    for name in FIELDS:
-        assert_array_equal(getattr(rest, name), getattr(whole, name)[cut:])
 
 
 def test_the_state_of_a_model_without_guard_is_refused_by_one_with():

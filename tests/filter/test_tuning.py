@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernel_models import filter_model, order_block
+import tuning_campaign
+from kernel_models import filter_model, louder, new_state, order_block, run
 from numpy.testing import assert_allclose
-from tuning_traces import campaign, channels, dense_log_likelihood, needs_compiled_kernel, turning
+from tuning_traces import channels, needs_compiled_kernel, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import (
@@ -44,51 +45,31 @@ def relative_model(slow):
 
 
 SLOW = [
-    (
-        SlowBlock("random-walk", noise_per_s=3.0),
-        (np.zeros((1, 1)), np.eye(1) * 2500.0, np.eye(1) * 3.0),
-    ),
-    (
-        SlowBlock("ornstein-uhlenbeck", variance=200.0, time_constant_s=0.1),
-        (np.array([[-10.0]]), np.eye(1) * 200.0, None),
-    ),
-    (
-        SlowBlock("matern-3/2", variance=200.0, time_constant_s=0.1),
-        (np.array([[0.0, 1.0], [-100.0, -20.0]]), np.diag([200.0, 200.0 * 100.0]), None),
-    ),
-    (
-        SlowBlock("resonance", variance=200.0, time_constant_s=0.3, frequency_hz=2.0),
-        (
-            np.array([[0.0, 1.0], [-((4 * math.pi) ** 2), -2.0 / 0.3]]),
-            np.diag([200.0, 200.0 * (4 * math.pi) ** 2]),
-            None,
-        ),
-    ),
+    SlowBlock("random-walk", noise_per_s=3.0),
+    SlowBlock("ornstein-uhlenbeck", variance=200.0, time_constant_s=0.1),
+    SlowBlock("matern-3/2", variance=200.0, time_constant_s=0.1),
+    SlowBlock("resonance", variance=200.0, time_constant_s=0.3, frequency_hz=2.0),
 ]
 
 
-@pytest.mark.parametrize(("block", "known"), SLOW, ids=[b.kind for b, _ in SLOW])
-def test_the_likelihood_is_that_of_the_dense_textbook_recursion(block, known):
+@pytest.mark.parametrize("block", SLOW, ids=lambda block: block.kind)
+def test_the_score_is_the_likelihood_with_all_noise_scaled_to_the_data(block):
+    needs_compiled_kernel()
     t, v, angle, y = turning(1.2, seed=2)
     t = t + 2e-4 * np.sin(np.arange(t.size))  # uneven sampling
     y[100:130] = np.nan
-    found = score(relative_model((block,)), [channels(t, v, y, angle)])
-    turn = np.diff(angle, prepend=0.0)
-    oscillators = [(2.0, 1e-6, 400.0), (0.01, 1e-5, 400.0)]
-    r = found.noise_nm2
-    scaled = [
-        (drift, prior * r, None if diffusion is None else diffusion * r)
-        for drift, prior, diffusion in [known]
-    ]
-    scaled_oscillators = [(o, q * r, p * r) for o, q, p in oscillators]
-    wanted = dense_log_likelihood(t, turn, y, scaled_oscillators, scaled, r)
-    assert found.samples == np.isfinite(y).sum()
+    model = relative_model((block,))
+    found = score(model, [channels(t, v, y, angle)])
+    scaled = louder(model, found.noise_nm2)
+    # the likelihood of a filter is held against statsmodels in test_kernel_properties
+    wanted = run(scaled, new_state(scaled), t, v, y, angle_rad=angle)
+    assert found.samples == wanted.n_used == np.isfinite(y).sum()
     # 1e-8: agreement asked of two ways to one likelihood; rounding of 1200 samples is below
-    assert found.log_likelihood == pytest.approx(wanted, rel=1e-8)
+    assert found.log_likelihood == pytest.approx(wanted.log_likelihood, rel=1e-8)
 
 
 def test_two_traces_count_as_independent_records():
-    model = relative_model((SLOW[1][0],))
+    model = relative_model((SLOW[1],))
     records = [channels(*_parts(turning(1.0, seed=s))) for s in (1, 2)]
     single = [score(model, [record]) for record in records]
     both = score(model, records)
@@ -196,8 +177,8 @@ def test_torque_in_other_units_scales_every_noise(tuned):
 def test_a_tuned_filter_keeps_the_torque_and_takes_the_ripple(bench):
     """Reduced form of tools/tuning_campaign.py: one seed, shorter traces."""
     needs_compiled_kernel()
-    tool = campaign()
-    row = tool.one(tool.SCENARIOS["2 Hz low-pass noise"], 3, 26.0)
+    scenario = tuning_campaign.SCENARIOS["2 Hz low-pass noise"]
+    row = tuning_campaign.one(scenario, 3, 26.0)
     assert row["converged"]
     assert row["ratio"] <= 1.35
     assert min(row["suppression_db"]) >= 30.0
@@ -324,7 +305,7 @@ def test_the_curvature_of_a_parabola_is_its_matrix():
     assert_allclose(curvature(centre, value), matrix, rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("block", [b for b, _ in SLOW], ids=lambda b: b.kind)
+@pytest.mark.parametrize("block", SLOW, ids=lambda block: block.kind)
 def test_the_density_of_a_slow_torque_integrates_to_its_variance(block):
     if not block.stationary:
         # a random walk of q has q / w^2: ten times the frequency, a hundredth
@@ -386,7 +367,7 @@ def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(n
 
 def test_the_offset_has_a_tenth_of_the_density_at_the_slowest_order():
     motion = describe_motion([channels(*_parts(turning(20.0)))])
-    slow = (SlowBlock("random-walk", noise_per_s=1e-9), SLOW[1][0])
+    slow = (SlowBlock("random-walk", noise_per_s=1e-9), SLOW[1])
     moved = with_moving_offset(relative_model(slow), motion)
     hz = 0.01 * motion.speed_rad_s / (2.0 * math.pi)
     others = motion.period_s + slow_density(slow[1], hz)

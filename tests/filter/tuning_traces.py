@@ -1,11 +1,9 @@
-"""Traces and a plain Kalman filter for the tests of tuning: no code of the product."""
+"""Traces and models for the tests of tuning."""
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import sys
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,18 +19,6 @@ def needs_compiled_kernel():
         kernel_form("c")
     except ValueError:
         pytest.skip("the C kernel was not compiled here")
-
-
-def campaign():
-    """Return tools/tuning_campaign.py as a module."""
-    name = "tuning_campaign"
-    if name not in sys.modules:
-        path = Path(__file__).parents[2] / "tools" / f"{name}.py"
-        spec = importlib.util.spec_from_file_location(name, path)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
 
 
 def channels(t, v, y, angle=None, source="test.csv"):
@@ -56,52 +42,9 @@ def turning(duration_s=8.0, *, noise=0.05, seed=0, slow=0.5, low=40.0, high=160.
     return t, v, angle, y
 
 
-def dense_log_likelihood(t, turn, y, oscillators, slow, r):
-    """Gaussian log-likelihood by the textbook's dense recursion.
-
-    `oscillators`: (order, q per radian, prior variance); `slow`: (drift matrix, stationary or
-    prior covariance, diffusion per second or None for a stationary block). First states are seen.
-    """
-    from scipy.linalg import block_diag, expm
-
-    n = 2 * len(oscillators)
-    priors = [np.eye(2) * p for _, _, p in oscillators] + [p for _, p, _ in slow]
-    covariance = block_diag(*priors)
-    c = np.zeros(len(covariance))
-    c[0:n:2] = 1.0
-    at = n
-    for drift, _, _ in slow:
-        c[at] = 1.0
-        at += len(drift)
-    x, total = np.zeros(len(c)), 0.0
-    for k in range(len(t)):
-        if k:
-            dt = t[k] - t[k - 1]
-            parts, noises = [], []
-            for order, q, _ in oscillators:
-                a = order * turn[k]
-                parts.append(np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]))
-                noises.append(np.eye(2) * q * abs(turn[k]))
-            for drift, prior, diffusion in slow:
-                f = expm(drift * dt)
-                parts.append(f)
-                noises.append(prior - f @ prior @ f.T if diffusion is None else diffusion * dt)
-            f, q = block_diag(*parts), block_diag(*noises)
-            x, covariance = f @ x, f @ covariance @ f.T + q
-        if not np.isfinite(y[k]):
-            continue
-        s = r + c @ covariance @ c
-        e = y[k] - c @ x
-        total -= 0.5 * (math.log(2.0 * math.pi * s) + e * e / s)
-        gain = covariance @ c / s
-        x = x + gain * e
-        covariance = covariance - np.outer(gain, gain) * s
-    return total
-
-
-def tuned_like(q_output=1e-7):
+def tuned_like():
     """Return a model as a tuning makes them."""
-    output = order_block(0.01, q_output, "misalignment")
+    output = order_block(0.01, 1e-7, "misalignment")
     return filter_model(
         (order_block(2.0, 1e-7), order_block(4.0, 1e-7), output),
         0.0025,
@@ -113,3 +56,6 @@ def tuned_like(q_output=1e-7):
         order_prior_std_nm=4.0,
         slow_prior_std_nm=40.0,
     )
+
+
+GUARDED = replace(tuned_like(), torque_limit_nm=20.0, stuck_samples=5)

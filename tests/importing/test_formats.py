@@ -12,15 +12,17 @@ import random
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hdbench.errors import DataError, HdbenchError, UsageError
+from hdbench.importing import registry
 from hdbench.importing.importer import import_files
 from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
-from hdbench.importing.registry import end_reader, open_isolated, open_source
+from hdbench.importing.registry import IsolatedSource, end_reader, open_source
 from hdbench.records import input_identity, read_trace
 from hdbench_cli.main import main
 
@@ -119,6 +121,13 @@ def test_channels_that_cannot_be_used_are_refused_in_every_format(
     assert list(tmp_path.iterdir()) == [file]
 
 
+@pytest.mark.parametrize("form", forms("mat5", "hdf5", "parquet", "tdms", "mdf", "db3"))
+def test_compiled_libraries_read_where_their_crash_is_an_error(form: str, tmp_path: Path) -> None:
+    source = open_source(write_sample(form, tmp_path))
+    assert isinstance(source, IsolatedSource)
+    source.close()
+
+
 def library(monkeypatch: pytest.MonkeyPatch, folder: Path, code: str) -> Path:
     """Make a library that can be imported, and a file to read with it."""
     (folder / "a_library.py").write_text(code)
@@ -144,21 +153,46 @@ def test_a_library_that_ends_its_process_is_an_error_of_the_file(
 ) -> None:
     file = library(monkeypatch, tmp_path, code)
     with pytest.raises(DataError, match=word):
-        open_isolated(file, "NumPy file", "npz", "a_library", "none")
+        IsolatedSource(file, "NumPy file", "npz", "a_library", "none")
     # the next file is read by a new process
-    source = open_isolated(file, "NumPy file", "npz", "numpy", "none")
+    source = IsolatedSource(file, "NumPy file", "npz", "numpy", "none")
     assert [channel.name for channel in source.channels] == ["time", "speed", "torque"]
     source.close()
+
+
+@pytest.mark.parametrize("path", [None, "", "/none"], ids=["memory", "no memory", "not reached"])
+def test_files_that_are_read_in_turns_keep_their_own_numbers(
+    path: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if path is not None:  # as on systems without memory for two processes
+        monkeypatch.setattr(registry, "shared_memory", lambda _: nullcontext((b"", path)))
+    rows, columns = 100_000, 20  # more than the memory for two processes takes of one piece
+    tables = [np.random.default_rng(seed).normal(size=(rows, columns)) for seed in (1, 2)]
+    sources = []
+    for k, table in enumerate(tables):
+        np.save(tmp_path / f"{k}.npy", table)
+        sources.append(IsolatedSource(tmp_path / f"{k}.npy", "NumPy file", "npz", "numpy", "none"))
+    names = [[channel.name for channel in source.channels] for source in sources]
+    turns = zip(*(s.pieces(n) for s, n in zip(sources, names, strict=True)), strict=True)
+    row = 0
+    for pieces in turns:
+        count = len(pieces[0][names[0][0]])
+        for piece, table in zip(pieces, tables, strict=True):
+            np.testing.assert_array_equal(np.transpose([*piece.values()]), table[row : row + count])
+        row += count
+    assert row == rows
+    for source in sources:
+        source.close()
 
 
 _ALONE = """
 import os, sys
 from pathlib import Path
-from hdbench.importing.registry import end_reader, open_isolated
+from hdbench.importing.registry import end_reader, IsolatedSource
 import hdbench.importing.registry as registry
 for library in ("a_library", "numpy"):
     try:
-        source = open_isolated(Path(sys.argv[1]), "NumPy file", "npz", library, "none")
+        source = IsolatedSource(Path(sys.argv[1]), "NumPy file", "npz", library, "none")
         print(type(registry._running._process).__name__, *[c.name for c in source.channels])
         (piece,) = source.pieces(["speed", "torque"])
         print(len(piece["speed"]), round(float(piece["torque"].max()), 3))
@@ -199,7 +233,7 @@ def test_what_a_file_makes_its_library_do_stays_in_the_file(
     )
     file = library(monkeypatch, tmp_path, code)
     with pytest.raises(DataError, match="only holds data"):
-        open_isolated(file, "NumPy file", "npz", "a_library", "none")
+        IsolatedSource(file, "NumPy file", "npz", "a_library", "none")
     end_reader()
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing import text as text_module
 from hdbench.importing.importer import import_files
 from hdbench.importing.mapping import parse_constant, parse_map
+from hdbench.importing.readers import text as text_module
 from hdbench.importing.recipe import Recipe, known_columns
 from hdbench.records import read_loads, read_trace
 

@@ -11,9 +11,9 @@ import pytest
 
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.importer import ImportReport, import_files
-from hdbench.importing.layout import EPOCH_1904_S, Logger, is_time_name, text_layout
+from hdbench.importing.layout import EPOCH_1904_S, Logger, text_layout
 from hdbench.importing.recipe import Recipe
-from hdbench.importing.units import bare_name, stated_unit, target_unit, unit_scale
+from hdbench.importing.units import bare_name, is_time_name, stated_unit, target_unit, unit_scale
 from hdbench.records import read_trace
 
 # date, time, a line of five words per channel, names, numbers: LJStreamUD's layout

@@ -176,10 +176,71 @@ def test_counts_stay_counts_until_somebody_gives_their_scale(tmp_path: Path) -> 
         assert "no-scale" in [finding.name for finding in findings]
 
 
+TIME = 0.01 * np.arange(400)
+SWING = 60.0 * np.sin(np.pi * TIME)
+TURNED = np.cumsum(SWING) * 0.01
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "mapped", "asked"),
+    [
+        ("timestamp", (1.7639e12 + 1000.0 * TIME,), "@ms", ""),
+        ("time", (1000.0 * TIME,), "@TIME_UNIT", "0.1 Hz"),
+        ("t,position,velocity", (TIME, TURNED, SWING), "position", ""),
+        ("t,position,velocity", (TIME, TURNED / 50.0, SWING), "_FACTOR", "50"),
+        ("t,position,velocity", (TIME, np.rint(4e3 * TURNED), SWING), "_FACTOR", "not in the file"),
+        ("t,angle [deg],speed [rpm]", (TIME, TURNED / DEGREE, SWING / RPM), "@deg", ""),
+        ("t,angle [deg],speed [rpm]", (TIME, TURNED, SWING / RPM), "@deg", "57.3"),
+        ("t,joint1_pos,joint1_vel", (TIME, TURNED, SWING), "joint1_pos", "gear ratio"),
+        ("t,Winkel [rad],Abtriebsdrehzahl [rpm]", (TIME, TURNED, SWING), "@output", "gear ratio"),
+    ],
+)
+def test_units_and_sides_are_asked_for_where_data_or_names_tell_of_others(
+    head: str, columns: tuple[np.ndarray, ...], mapped: str, asked: str, tmp_path: Path
+) -> None:
+    table = np.column_stack([*columns, np.cos(SWING)])
+    file = tmp_path / "log.csv"
+    np.savetxt(file, table, "%.12g", ",", header=f"{head},torque [Nm]", comments="")
+    proposal = proposal_for(file)
+    assert mapped in " ".join(proposal.recipe.map.values())
+    assert asked in " ".join(proposal.needs)
+    assert bool(asked) == bool(proposal.needs)
+
+
+@pytest.mark.parametrize(("share", "told"), [(1.0, ""), (0.02, "50"), (-1.0, "-1")])
+def test_a_velocity_that_is_not_the_rate_of_its_angle_is_told(
+    share: float, told: str, tmp_path: Path
+) -> None:
+    file, out = tmp_path / "log.csv", tmp_path / "out.csv"
+    table = np.column_stack([TIME, share * TURNED, SWING, np.cos(SWING)])
+    names = "time_s,motor_angle_rad,motor_velocity_rad_s,torque_nm"
+    np.savetxt(file, table, delimiter=",", header=names, comments="")
+    notes = import_files(Recipe(), [file], out).notes
+    doubts = [note for note in notes if note.startswith("doubtful")]
+    found = inspect_log(read_log(out), load_profile("cim-tr-97-06").data).findings
+    unlike = [finding.detail for finding in found if finding.name == "units-disagree"]
+    assert len(doubts) == len(unlike) == bool(told)
+    assert all(f" {told}" in f" {text}" for text in [*doubts, *unlike])
+    assert "3.99 s at 100 Hz" in notes
+
+
+def test_titles_stay_out_of_names_and_a_merged_cell_names_all_its_columns(tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    head = "Bench 3;;;;\nDate;1.2.2026;;;\n;;;;\n;Motor;;Sensor;\n"
+    names = "Zeit;Drehzahl;Winkel;Moment;Remark\nms;1/min;deg;Nm;\n"
+    file.write_text(head + names + "0;1;2;3;start\n" + "1;1;2;3;\n" * 9)
+    channels = open_source(file).channels
+    told = ["Zeit", "Motor/Drehzahl", "Motor/Winkel", "Sensor/Moment", "Sensor/Remark"]
+    assert [channel.name for channel in channels] == told
+    assert [channel.unit for channel in channels] == ["ms", "1/min", "deg", "Nm", ""]
+
+
 @pytest.mark.parametrize(
     ("header", "name", "unit"),
     [
         ("speed_rpm", "speed", "rpm"),
+        ("rpm", "rpm", "rpm"),
+        ("min", "min", ""),
         ("vel_deg_per_s", "vel", "deg/s"),
         ("Torque / Nm", "Torque", "Nm"),
         ("torque_oz_in", "torque", "oz_in"),

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from hdbench.model import Motion
-from hdbench.profile import Profile, ProfileData, load_profile
-
-
-@pytest.fixture(scope="session")
-def profile() -> Profile:
-    return load_profile("cim-tr-97-06")
+from hdbench.profile import Profile, ProfileData
 
 
 @pytest.fixture(scope="session")

@@ -206,12 +206,11 @@ def lines_executed(work: Callable[[], object], enough: int) -> int:
 
 
 @pytest.mark.parametrize("name", [name for name, c in catalogue().items() if c.additive])
-def test_columns_take_no_step_of_python_for_a_sample(name: str, long_motion: Motion) -> None:
+def test_columns_take_no_step_of_python_for_a_sample(
+    name: str, long_motion: Motion, middle_shape
+) -> None:
     cause = catalogue()[name]
-    shape = {}
-    for parameter in cause.shape:
-        low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
-        shape[parameter.name] = (low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high)
+    shape = middle_shape(cause)
     cause.columns(long_motion, shape)  # what is made once is made
     # whole columns at a time take tens of lines; what is carried on from turn to turn of the load
     # or in blocks takes some ten thousand; a step for each sample takes N at the least

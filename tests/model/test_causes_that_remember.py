@@ -316,44 +316,6 @@ def drawn(seed: int, n: int = 20_001) -> tuple[np.random.Generator, Array]:
     return np.random.default_rng(seed), starts
 
 
-def test_a_first_order_recursion_is_that_of_a_loop() -> None:
-    rng, starts = drawn(7)
-    decay = np.where(starts, 0.0, 1.0 - 0.3 * rng.random(len(starts)))
-    drive = rng.standard_normal(len(starts))
-    want, value = [], 0.0
-    for kept_part, added in zip(decay.tolist(), drive.tolist(), strict=True):
-        value = kept_part * value + added
-        want.append(value)
-    # the same products and sums in the same order
-    np.testing.assert_array_equal(_memory.first_order(decay, drive), want)
-    turned = decay * np.exp(0.1j)
-    value_there, complex_want = 0j, []
-    for kept_there, added in zip(turned.tolist(), drive.tolist(), strict=True):
-        value_there = kept_there * value_there + added
-        complex_want.append(value_there)
-    got = _memory.first_order(turned, drive + 0j)
-    np.testing.assert_allclose(got, complex_want, rtol=0, atol=1e-12 * np.abs(got).max())
-
-
-@pytest.mark.parametrize("n", [0, 1, 2])
-def test_a_recursion_over_few_samples_is_their_drive(n: int) -> None:
-    drive = np.arange(1.0, 1.0 + n)
-    np.testing.assert_array_equal(_memory.first_order(np.zeros(n), drive), drive)
-
-
-def test_a_second_order_filter_starts_at_rest_at_every_start() -> None:
-    rng, starts = drawn(8)
-    above, below = np.array([0.05, 0.11, 0.04]), np.array([-1.7, 0.9])
-    values = 3.0 + rng.standard_normal(len(starts))
-    got = _memory.second_order(above, below, starts, values)
-    gain = above.sum() / (1.0 + below.sum())
-    np.testing.assert_allclose(got[starts], gain * values[starts], rtol=1e-12)
-    inside = np.arange(5000, 5003)
-    want = np.convolve(values, above)[inside] - below[0] * got[inside - 1]
-    # three products of numbers of some ten
-    np.testing.assert_allclose(got[inside], want - below[1] * got[inside - 2], rtol=0, atol=1e-12)
-
-
 def test_a_resonance_of_even_steps_is_that_of_uneven_ones() -> None:
     rng, starts = drawn(9)
     pole = 2.0 * np.pi * 30.0 * complex(-0.02, 1.0)
@@ -365,20 +327,6 @@ def test_a_resonance_of_even_steps_is_that_of_uneven_ones() -> None:
         _memory.resonance(np.exp(1j * phase), rate, decay, starts, pole) for decay in (one, many)
     )
     assert np.abs(even - uneven).max() < 1e-11 * np.abs(even).max()
-
-
-def test_plays_are_clamps_in_a_row() -> None:
-    rng, starts = drawn(10)
-    torque, radius = np.cumsum(rng.standard_normal(len(starts))), np.array([0.3, 2.0, 40.0])
-    places, want = [0.0] * 3, []
-    for x, start in zip(torque.tolist(), starts.tolist(), strict=True):
-        places = [
-            x if start else min(max(p, x - r), x + r)
-            for p, r in zip(places, radius.tolist(), strict=True)
-        ]
-        want.append(sum(places))
-    # clamps round nothing; sums of three numbers of the size of the torque
-    np.testing.assert_allclose(_memory.plays(torque, radius, starts), want, rtol=1e-14)
 
 
 def test_an_even_low_pass_gives_what_one_of_uneven_steps_gives(

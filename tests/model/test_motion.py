@@ -86,31 +86,24 @@ def sine_error(frequency: float, *, angle: bool) -> tuple[float, float, float]:
     return float(relative[inside].max()), float(relative.max()), omega * 0.010
 
 
-@pytest.mark.parametrize("frequency", [1.0, 5.0, 10.0])
-def test_acceleration_of_a_sine_of_velocity_is_within_the_bound_of_a_cubic(
-    frequency: float,
-) -> None:
-    inside, anywhere, x = sine_error(frequency, angle=False)
-    # Legendre expansion of the next powers over a window of half width 1: at the centre the fifth
-    # power leaves 5/21 of 1/120; at the end the fourth leaves 16/7 of 1/24, the fifth 40/21 of
-    # 1/120. Samples have 21/20 of the width of the continuous window: 1.05^4 = 1.22
-    centre_bound = 5 / 21 / 120 * x**4
-    end_bound = 16 / 7 / 24 * x**3 + 40 / 21 / 120 * x**4
-    assert inside <= 1.22 * centre_bound + 1e-10
-    assert anywhere <= 1.22 * end_bound + 1e-10
+# Legendre expansion of the next powers over a window of half width 1, of derivative and second
+# derivative: what is left of the powers at the centre, at the end, and rounding (of an angle 1e-7)
+BOUNDS = {
+    False: (5 / 21 / 120, (16 / 7 / 24, 40 / 21 / 120), 1e-10),
+    True: (10 / 11 / 720, (40 / 3 / 120, 160 / 11 / 720), 1e-7),
+}
 
 
 @pytest.mark.parametrize("frequency", [1.0, 5.0, 10.0])
-def test_acceleration_of_a_sine_of_angle_is_within_the_bound_of_a_quartic(
-    frequency: float,
+@pytest.mark.parametrize("angle", BOUNDS, ids=["velocity", "angle"])
+def test_acceleration_of_a_sine_is_within_the_bound_of_its_polynomial(
+    angle: bool, frequency: float
 ) -> None:
-    inside, anywhere, x = sine_error(frequency, angle=True)
-    # as above for the second derivative: sixth power 10/11 of 1/720 at the centre; fifth 40/3 of
-    # 1/120 and sixth 160/11 of 1/720 at the end; rounding of the angle adds up to 1e-7
-    centre_bound = 10 / 11 / 720 * x**4
-    end_bound = 40 / 3 / 120 * x**3 + 160 / 11 / 720 * x**4
-    assert inside <= 1.22 * centre_bound + 1e-7
-    assert anywhere <= 1.22 * end_bound + 1e-7
+    inside, anywhere, x = sine_error(frequency, angle=angle)
+    centre, (third, fourth), rounding = BOUNDS[angle]
+    # samples have 21/20 of the width of the continuous window: 1.05^4 = 1.22
+    assert inside <= 1.22 * centre * x**4 + rounding
+    assert anywhere <= 1.22 * (third * x**3 + fourth * x**4) + rounding
 
 
 def test_acceleration_agrees_with_savitzky_golay_of_scipy_up_to_the_ends() -> None:

@@ -199,16 +199,13 @@ def test_lost_samples_make_the_simulation_doubtful(tmp_path: Path) -> None:
     assert np.flatnonzero(np.isnan(read_trace(out)["torque_nm"])).tolist() == [500]
 
 
-def test_a_run_of_its_own_can_show_every_cause(bench: ProfileData) -> None:
+def test_a_run_of_its_own_can_show_every_cause(bench: ProfileData, middle_shape) -> None:
     wave = ReferenceWave(wave="sine", amplitude_v=0.8, frequency_hz=2.0)
     base = BenchModel.from_profile(bench)
     plain = run_of(bench, wave, 1.0)
     for name, cause in catalogue().items():
-        shape = {}
-        for parameter in cause.shape:
-            low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
-            shape[parameter.name] = (low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high)
-        model = base.with_cause(CauseTerm(name, shape, (0.1,) * len(cause.linear)))
+        linear = (0.1,) * len(cause.linear)
+        model = base.with_cause(CauseTerm(name, middle_shape(cause), linear))
         run = simulate_run(
             bench, model, duration_s=1.0, wave=wave, noise_nm=0.0, rng=np.random.default_rng(1)
         )

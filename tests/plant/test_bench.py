@@ -94,25 +94,6 @@ def test_quiet_torque_is_the_model_within_one_code(flexspline: str, speed: float
     assert np.abs(error[steady]).max() <= TORQUE_ERROR_NM
 
 
-def test_quiet_torque_follows_the_acceleration() -> None:
-    sine = ReferenceWave(wave="sine", amplitude_v=2.0, frequency_hz=2.0)
-    data = quiet_profile(model={"ripple": ()}, drive={"load_inertia_kg_m2": 0.5})
-    samples = _run(SimulatedBench(data, AS_MODELLED, 1), sine, 4000)
-    # first-order lag of 15 Hz; the reference is held for a period, half a sample late on average
-    time = np.arange(4000) * 1e-3
-    omega, k = 2 * math.pi * 2.0, 2 * math.pi * 15.0
-    response = 1j * omega * k / (k + 1j * omega) * np.exp(-0.5e-3j * omega)
-    acceleration = 2.0 * 56.2565 * np.imag(response * np.exp(1j * omega * time))
-    angle = 2 * math.pi / 4000 * samples.encoder_count
-    expected = 0.5 / 100.0 * acceleration + 0.9 * np.cos(angle / 100.0 + 0.3)
-    error = samples.torque_code * NM_PER_CODE - expected
-    # after 47 time constants; the last samples see the end of the sine through the filter
-    steady = slice(500, -10)
-    assert np.ptp(expected[steady]) > 12.0
-    # half a code, the filter's ripple of 0.03 % on 7 N m, and (k h)^2 / 12 of the trapezoid
-    assert np.abs(error[steady]).max() <= 0.5 * NM_PER_CODE + 2.2e-3
-
-
 def test_tacho_current_and_reference_at_constant_speed() -> None:
     volt = 2.0
     spec = plant(motor={"coulomb_nm": 0.03, "viscous_nm_s_per_rad": 1e-4})

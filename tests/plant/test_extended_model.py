@@ -23,18 +23,11 @@ FREE = Mount(False, 0.0, NM_PER_V, ArmLoad(0.0, 0.0, 9.81, FixtureSpec()), 0.0)
 REFERENCE_V = 0.8 * np.sin(2.0 * np.pi * 3.0 * np.arange(2000) * 1e-3)
 
 
-def term_of(name: str) -> CauseTerm:
-    cause = catalogue()[name]
-    shape = {}
-    for parameter in cause.shape:
-        low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
-        shape[parameter.name] = (low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high)
-    return CauseTerm(name, shape, (0.1,) * len(cause.linear))
-
-
 @pytest.mark.parametrize("name", catalogue())
-def test_every_cause_can_be_emulated(name: str) -> None:
-    model = BenchModel.from_profile(QUIET).with_cause(term_of(name))
+def test_every_cause_can_be_emulated(name: str, middle_shape) -> None:
+    cause = catalogue()[name]
+    term = CauseTerm(name, middle_shape(cause), (0.1,) * len(cause.linear))
+    model = BenchModel.from_profile(QUIET).with_cause(term)
     volts = cause_volts(model, CHANNELS, FREE, 1e-3, REFERENCE_V)
     assert volts.shape == (2000,)
     assert np.isfinite(volts).all()

@@ -252,7 +252,7 @@ def test_no_value_at_any_key_ends_in_anything_but_a_profile_error(place, value):
 @given(
     st.integers(0, 6000),
     st.integers(0, 40),
-    st.text(st.characters(codec="utf-8") | st.sampled_from("[]{}=.\"'#\n\\"), max_size=12),
+    st.text(st.characters(codec="utf-8") | st.sampled_from("[]{}=.\"'#\n\\\0"), max_size=12) | ODD,
 )
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_no_damage_to_the_text_ends_in_anything_but_a_profile_error(start, length, insert):
@@ -263,3 +263,4 @@ def test_no_damage_to_the_text_ends_in_anything_but_a_profile_error(start, lengt
         assert tomllib.loads(damaged)["name"]
     else:
         assert error.where.startswith("p.toml")
+        assert all((error.what, error.fix))

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from hdbench.errors import DataError
-from hdbench.profile import load_profile
 from hdbench.profile.scaling import (
     calibration_time,
     checked_age,
@@ -22,11 +21,6 @@ from hdbench.records import Quantity, TorqueScale
 
 NOW = datetime(2026, 6, 1, 12, tzinfo=UTC)
 SCALE = TorqueScale(Quantity(6.6, 0.08, 3.0), "calibration R")
-
-
-@pytest.fixture(scope="module")
-def profile():
-    return load_profile("cim-tr-97-06")
 
 
 def run(folder: Path, **manifest: Any) -> Path:

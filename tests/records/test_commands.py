@@ -1,22 +1,12 @@
 """The commands over profiles, imports and runs: streams, exit codes, one JSON object."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 from hdbench.profile import load_profile
 from hdbench.records import JournalWriter, RunFolder, read_trace
-
-
-def hdbench(*words):
-    run = subprocess.run(
-        [sys.executable, "-m", "hdbench_cli", *map(str, words)], capture_output=True, text=True
-    )
-    assert "Traceback" not in run.stderr
-    return run.returncode, run.stdout, run.stderr
 
 
 @pytest.fixture
@@ -31,55 +21,45 @@ def killed_run(tmp_path):
     return folder.path
 
 
-def test_a_bad_profile_exits_4_with_each_problem_on_its_line(tmp_path):
+def test_a_bad_profile_exits_4_with_each_problem_on_its_line(tmp_path, hdbench):
     path = tmp_path / "bad.toml"
     text = load_profile("cim-tr-97-06").text
     path.write_text(text.replace("gear_ratio", "gear_ration").replace("= 40.0 ", "= nan "))
-    code, out, err = hdbench("profile", "check", path)
-    assert (code, out) == (4, "")
+    out, err = hdbench("profile", "check", path, code=4)
+    assert out == ""
     assert err.count("bad.toml:") >= 3
     assert "did you mean 'drive.gear_ratio'" in err.replace("\n", " ")
-    code, out, _ = hdbench("--json", "profile", "check", path)
-    assert code == 4
+    out, _ = hdbench("--json", "profile", "check", path, code=4)
     assert len(json.loads(out)["error"]["problems"]) == 3
 
 
-def test_a_new_profile_is_written_once_and_checks(tmp_path):
+def test_a_new_profile_is_written_once_and_checks(tmp_path, hdbench):
     path = tmp_path / "mine.toml"
-    assert hdbench("profile", "new", "mine", "--out", path)[0] == 0
-    assert hdbench("profile", "check", path)[0] == 0
-    assert hdbench("profile", "new", "mine", "--out", path)[0] == 2
-    code, out, _ = hdbench("profile", "show", "cim-tr-97-06")
-    assert (code, out) == (0, load_profile("cim-tr-97-06").text)
-    assert json.loads(hdbench("profile", "schema")[1])["title"] == "ProfileData"
+    hdbench("profile", "new", "mine", "--out", path)
+    hdbench("profile", "check", path)
+    hdbench("profile", "new", "mine", "--out", path, code=2)
+    assert hdbench("profile", "show", "cim-tr-97-06")[0] == load_profile("cim-tr-97-06").text
+    assert json.loads(hdbench("profile", "schema")[0])["title"] == "ProfileData"
 
 
-def test_an_import_ends_in_a_trace_and_a_bad_one_in_exit_4(tmp_path):
+def test_an_import_ends_in_a_trace_and_a_bad_one_in_exit_4(tmp_path, hdbench):
     source = tmp_path / "log.txt"
     source.write_text("zeit;moment\n0,000;1,5\n0,001;2,5\n")
     out = tmp_path / "t.csv"
     words = ("import", "--kind", "trace", source, "--time", "zeit", "--map", "torque_nm=moment*2")
-    code, text, _ = hdbench(*words, "--out", out)
-    assert code == 0
-    assert "read back" in text
+    assert "read back" in hdbench(*words, "--out", out)[0]
     assert read_trace(out, require=("torque",))["torque_nm"].tolist() == [3.0, 5.0]
     source.write_text("zeit;moment\n0,000;1,5\n0,000;2,5\n")
-    code, text, _ = hdbench("--json", *words, "--out", out)
-    assert code == 4
+    text, _ = hdbench("--json", *words, "--out", out, code=4)
     assert json.loads(text)["error"]["where"] == f"{source}:3"
 
 
-def test_a_killed_run_is_listed_verified_and_recovered(killed_run):
-    code, out, _ = hdbench("runs", "list", killed_run.parent)
-    assert code == 0
-    assert f"{killed_run.name}  incomplete" in out
-    code, out, _ = hdbench("runs", "verify", killed_run)
-    assert code == 0
-    assert "20 samples" in out
-    code, out, _ = hdbench("--json", "runs", "verify", "--recover", killed_run)
+def test_a_killed_run_is_listed_verified_and_recovered(killed_run, hdbench):
+    assert f"{killed_run.name}  incomplete" in hdbench("runs", "list", killed_run.parent)[0]
+    assert "20 samples" in hdbench("runs", "verify", killed_run)[0]
+    out, _ = hdbench("--json", "runs", "verify", "--recover", killed_run)
     assert json.loads(out)["ok"] is True
     assert len(read_trace(killed_run / "trace.csv")) == 20
     (killed_run / "trace.csv").write_text("x")
-    assert hdbench("runs", "verify", killed_run)[0] == 4
-    code, out, _ = hdbench("--json", "runs", "show", killed_run)
-    assert json.loads(out)["kind"] == "ripple"
+    hdbench("runs", "verify", killed_run, code=4)
+    assert json.loads(hdbench("--json", "runs", "show", killed_run)[0])["kind"] == "ripple"

@@ -8,9 +8,12 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from hdbench.errors import DataError, StorageError
 from hdbench.records import JournalWriter, read_journal
+from hdbench.records.journal import survey_samples
 
 
 def write(path, n=4):
@@ -89,6 +92,30 @@ def test_random_damage_never_invents_a_block(tmp_path):
         except DataError:
             continue
         assert all(good[block.sequence] == block.columns["time_s"].tobytes() for block in blocks)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_both_ways_of_reading_find_the_same_in_a_damaged_file(tmp_path, data):
+    path = tmp_path / "hostile.hdj"
+    path.unlink(missing_ok=True)
+    with JournalWriter(path) as writer:
+        for number in range(4):
+            writer.append("samples", {"time_s": [float(number)], "torque_v": [1.0]})
+    raw = bytearray(path.read_bytes())
+    for at, value in data.draw(
+        st.lists(st.tuples(st.integers(0, len(raw) - 1), st.integers(0, 255)), max_size=4)
+    ):
+        raw[at] = value
+    path.write_bytes(raw[: data.draw(st.integers(0, len(raw)))])
+    try:
+        found = read_journal(path)
+    except DataError as error:
+        told = (error.what, error.where, error.fix)
+        assert all(told)
+        return
+    samples = [block for block in found.blocks if block.kind == "samples"]
+    assert len(survey_samples(path)) == sum(len(b.columns["time_s"]) for b in samples)
 
 
 @pytest.mark.parametrize("raw", [b"something else altogether", b"HDJX" * 100])

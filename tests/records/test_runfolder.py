@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError, StorageError
-from hdbench.profile import load_profile
 from hdbench.records import (
     JournalWriter,
     RunFolder,
@@ -29,11 +28,6 @@ from hdbench.records import (
 MOMENT = datetime(2026, 11, 21, 10, 15, tzinfo=UTC)
 # no process has this number: it is above the largest that Linux gives out
 NOBODY = 2**22 + 1
-
-
-@pytest.fixture(scope="module")
-def profile():
-    return load_profile("cim-tr-97-06")
 
 
 def make(parent, profile, kind="ripple", token="3f9a1c"):

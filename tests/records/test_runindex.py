@@ -1,6 +1,5 @@
 """The index of runs: never more than a cache of what the folders say."""
 
-import importlib.util
 import json
 import sqlite3
 import sys
@@ -10,18 +9,11 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+import index_histories
+
 from hdbench.records import list_runs, select_runs
 from hdbench.records import runindex as index
-
-TOOL = Path(__file__).parents[2] / "tools" / "index_histories.py"
-
-
-@pytest.fixture(scope="module")
-def histories():
-    spec = importlib.util.spec_from_file_location("index_histories", TOOL)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def later():
@@ -39,9 +31,11 @@ def add(parent, name, *, drive="A", verdict="named", started="2026-11-21T10:00:0
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="forks")
-@pytest.mark.parametrize("seed", range(3))
-def test_a_random_history_never_parts_list_and_folders(histories, seed):
-    histories.run_history(seed)
+@pytest.mark.parametrize(
+    "seed", [*range(3), *(pytest.param(n, marks=pytest.mark.campaign) for n in range(3, 200))]
+)
+def test_a_random_history_never_parts_list_and_folders(seed):
+    index_histories.run_history(seed)
 
 
 def test_what_is_kept_is_not_read_again_and_what_changed_is(tmp_path, monkeypatch):

@@ -35,7 +35,7 @@ def test_a_pipe_is_written_into_and_not_replaced(tmp_path):
         reader = threading.Thread(target=read, daemon=True)
         reader.start()
         write()
-        reader.join(timeout=10)
+        reader.join(timeout=60)
         assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert got == [b"ab", b"ab"]
 

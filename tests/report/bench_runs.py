@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
+import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
@@ -16,17 +15,11 @@ from hdbench.records.jsonfile import result_header, write_json
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads, read_trace, write_trace
 
-STORED = Path(__file__).parents[1] / "stored"
+sys.path.insert(0, str(Path(__file__).parents[1] / "stored"))
+import generate
+
+__all__ = ["calibration_run", "diagnosis_run", "dynamic_run", "generate", "new_run", "trace_of"]
 SCALE = TorqueScale(Quantity(6.6, 0.03, 3.0), "calibration 20260101T000000Z-calibration-abc123")
-
-
-def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("stored_generate", STORED / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def trace_of(text: str, folder: Path) -> Trace:
@@ -76,7 +69,7 @@ def calibration_run(parent: Path, profile: Profile, text: str) -> Path:
     return run.path
 
 
-def diagnosis_run(parent: Path, profile: Profile) -> Path:
+def diagnosis_run(parent: Path, profile: Profile, cause: dict[str, object]) -> Path:
     run = new_run(parent, "diagnosis", profile)
     rng = np.random.default_rng(3)
     time = np.arange(6000) * 1e-3
@@ -108,37 +101,9 @@ def diagnosis_run(parent: Path, profile: Profile) -> Path:
             "after_nm": line["residual_after_nm"],
         }
         _table(run.path / f"{name}_spectrum.csv", table)
-    write_json(run.result, {**result_header("diagnosis", profile), **_named_order()})
-    run.finish("complete", "done", [run.result, run.path / "residual.csv"])
-    return run.path
-
-
-def _named_order() -> dict[str, object]:
-    return {
+    body = {
         "verdict": "named",
-        "causes": [
-            {
-                "name": "ripple-harmonic",
-                "group": [],
-                "rivals": ["tooth-mesh"],
-                "parameters": {
-                    "order": {"value": 6.0, "std": 0.0004, "unit": "1"},
-                    "amplitude_nm": {"value": 0.1502, "std": 0.0011, "unit": "N m"},
-                    "phase_rad": {"value": 0.401, "std": 0.007, "unit": "rad"},
-                },
-                "evidence_nats": 812.0,
-                "false_alarm_probability": 1e-12,
-                "gain": {
-                    "heldout_rms_before_nm": 0.1177,
-                    "heldout_rms_after_nm": 0.0502,
-                    "explained_fraction": 0.818,
-                    "interval": [0.80, 0.83],
-                },
-                "separating_experiment": "run at two speeds",
-                "share_of_variance": 0.818,
-                "domain": "motor-order",
-            }
-        ],
+        "causes": [cause],
         "minor": [],
         "unexplained": [],
         "data_flags": [{"name": "spikes", "from_s": 4.0, "to_s": 4.1, "samples": 99}],
@@ -147,6 +112,9 @@ def _named_order() -> dict[str, object]:
         "extended": {"terms": ["zero", "ripple-harmonic"], "heldout_rms_nm": 0.0502},
         "model_file": "model.json",
     }
+    write_json(run.result, {**result_header("diagnosis", profile), **body})
+    run.finish("complete", "done", [run.result, run.path / "residual.csv"])
+    return run.path
 
 
 def _table(path: Path, columns: dict[str, np.ndarray]) -> None:

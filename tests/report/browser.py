@@ -68,7 +68,7 @@ class Tab:
             features=[{"name": "prefers-color-scheme", "value": scheme}],
         )
         self.call("Page.navigate", url=page.resolve().as_uri())
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 120.0
         while self.run("document.readyState") != "complete":
             assert time.monotonic() < deadline, "the page did not load"
             time.sleep(0.05)
@@ -131,7 +131,7 @@ def browser() -> Iterator[Tab]:
                     line = process.stderr.readline()
                     assert line, "the browser ended before it listened"
                     found = re.search(r"DevTools listening on ws://([^/]+)/", line)
-                socket = websocket.create_connection(_page_address(found[1]), timeout=60)
+                socket = websocket.create_connection(_page_address(found[1]), timeout=120)
                 yield Tab(socket)
                 socket.close()
             finally:
@@ -142,6 +142,6 @@ def browser() -> Iterator[Tab]:
 def _page_address(host: str) -> str:
     import urllib.request
 
-    with urllib.request.urlopen(f"http://{host}/json", timeout=30) as answer:
+    with urllib.request.urlopen(f"http://{host}/json", timeout=120) as answer:
         pages = json.load(answer)
     return str(next(p["webSocketDebuggerUrl"] for p in pages if p["type"] == "page"))

@@ -1,45 +1,45 @@
+"""Runs of every kind for the tests of the report, and one page of all of them."""
+
 from __future__ import annotations
 
-import importlib.util
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import pytest
 
-from hdbench.profile import Profile, load_profile
+sys.path.insert(0, str(Path(__file__).parent))
+import bench_runs as bench
 
-
-def _load(name: str) -> ModuleType:
-    file = Path(__file__).with_name(f"{name}.py")
-    spec = importlib.util.spec_from_file_location(f"report_{name}", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="session")
-def profile() -> Profile:
-    return load_profile("cim-tr-97-06")
-
-
-@pytest.fixture(scope="session")
-def bench() -> ModuleType:
-    return _load("bench_runs")
+from hdbench.profile import Profile
+from hdbench.report import ReportFiles, write_report
 
 
 @pytest.fixture(scope="session")
 def runs(
-    tmp_path_factory: pytest.TempPathFactory, bench: ModuleType, profile: Profile
+    tmp_path_factory: pytest.TempPathFactory,
+    profile: Profile,
+    named_cause: Callable[..., dict[str, Any]],
 ) -> dict[str, Path]:
     parent = tmp_path_factory.mktemp("bench")
-    made, places = bench.generator(), parent / "runs"
+    made, places = bench.generate, parent / "runs"
     turning = bench.trace_of(made.trace_csv(made.misalignment_velocity(), 12), parent)
+    parameters = {
+        "order": {"value": 6.0, "std": 0.0004, "unit": "1"},
+        "amplitude_nm": {"value": 0.1502, "std": 0.0011, "unit": "N m"},
+        "phase_rad": {"value": 0.401, "std": 0.007, "unit": "rad"},
+    }
+    cause = named_cause("ripple-harmonic", parameters, rivals=["tooth-mesh"])
     free = bench.trace_of(made.trace_csv(made.ripple_velocity(), 13), parent)
     return {
         "calibration": bench.calibration_run(places, profile, made.loads_csv(11)),
         "misalignment": bench.dynamic_run(places, "misalignment", profile, turning),
         "ripple": bench.dynamic_run(places, "ripple", profile, free),
-        "diagnosis": bench.diagnosis_run(places, profile),
+        "diagnosis": bench.diagnosis_run(places, profile, cause),
     }
+
+
+@pytest.fixture(scope="session")
+def report(runs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    return write_report([*runs.values()], tmp_path_factory.mktemp("out") / "all.html")

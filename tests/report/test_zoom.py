@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from html import unescape
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-from hdbench.report.canvas import draw_svg, new_figure
-
-sys.path.insert(0, str(Path(__file__).parent))
 from browser import browser, browser_program
+
+from hdbench.report import ReportFiles
+from hdbench.report.canvas import draw_svg, new_figure
 
 
 def test_axes_tell_frame_scale_and_labels_and_curves_are_thin() -> None:
@@ -57,15 +54,6 @@ def test_axes_tell_frame_scale_and_labels_and_curves_are_thin() -> None:
 needs_browser = pytest.mark.skipif(browser_program() is None, reason="no Chromium on this machine")
 
 
-@pytest.fixture(scope="module")
-def report(runs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from hdbench.report import write_report
-
-    kinds = ("calibration", "misalignment", "ripple", "diagnosis")
-    out = tmp_path_factory.mktemp("zoom") / "all.html"
-    return write_report([runs[kind] for kind in kinds], out).html
-
-
 BOX = """(() => { const s = document.querySelector('#run-3 figure svg');
 s.scrollIntoView({block: 'center', behavior: 'instant'});
 const r = s.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })()"""
@@ -75,10 +63,10 @@ READING = "document.querySelector('#run-3 figure output').textContent"
 
 @needs_browser
 @pytest.mark.parametrize(("width", "scheme"), [(1200, "light"), (400, "dark")])
-def test_a_browser_zooms_reads_and_goes_back(report: Path, width: int, scheme: str) -> None:
+def test_a_browser_zooms_reads_and_goes_back(report: ReportFiles, width: int, scheme: str) -> None:
     pytest.importorskip("websocket")
     with browser() as tab:
-        tab.open(report, width=width, scheme=scheme)
+        tab.open(report.html, width=width, scheme=scheme)
         assert tab.run("document.querySelectorAll('figure svg path').length") > 20
         assert not tab.run(SHOWN)
         x, y, w, h = tab.run(BOX)
@@ -96,4 +84,4 @@ def test_a_browser_zooms_reads_and_goes_back(report: Path, width: int, scheme: s
         # nothing sticks out of a narrow page
         assert tab.run("document.documentElement.scrollWidth <= window.innerWidth")
         assert tab.complaints == []
-        assert tab.requests == [report.resolve().as_uri()]
+        assert tab.requests == [report.html.resolve().as_uri()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from fakes import FakeBench
+from fakes import FakeBench, quiet
 
 from hdbench.profile import load_profile
 from hdbench.records.journal import JournalWriter, read_journal
@@ -124,7 +124,7 @@ def make_walk(
         talk or Unattended(),
         Mounting(profile, log, hands),
         stop or StopSignals(),
-        lambda _what, _share: None,
+        quiet,
         str(folder),
     )
 

@@ -10,6 +10,10 @@ from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeStat
 from hdbench.errors import DeviceError
 
 
+def quiet(_what: str, _share: float) -> None:
+    """Say nothing of the progress."""
+
+
 class FakeBench:
     def __init__(self, *, fail_at: str | None = None, after: int = 0, hook=None) -> None:
         self.fail_at = fail_at

@@ -6,32 +6,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes import quiet
 
 from hdbench.filter import FilterModel, filter_trace
-from hdbench.profile import Profile, load_profile, parse_profile
+from hdbench.profile import Profile, parse_profile
 from hdbench.records import Quantity, verify_run
 from hdbench.records.jsonfile import read_json
 from hdbench.records.tables import read_trace
 from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, run_experiment
 
 
-def quiet(_what: str, _share: float) -> None:
-    """Say nothing."""
-
-
 @pytest.fixture(scope="module")
-def bench() -> Profile:
+def bench(changed_profile) -> Profile:
     """Return the report's bench with shorter runs: fewer masses, faster motion."""
-    text = load_profile("cim-tr-97-06").text
-    for old, new in (
-        ("full_masses_kg = [0.0, 2.0, 4.0, 6.0, 8.0]", "full_masses_kg = [0.0, 4.0, 8.0]"),
-        ("low_masses_kg = [0.0, 0.5, 1.0, 1.5, 2.0]", "low_masses_kg = [0.0, 1.0, 2.0]"),
-        ("velocity_rad_s = 60.0", "velocity_rad_s = 200.0"),
-        ("frequency_hz = 0.0625 ", "frequency_hz = 0.125 "),
-        ("duration_s = 32.0", "duration_s = 8.0"),
-    ):
-        assert old in text
-        text = text.replace(old, new)
+    masses = {"full_masses_kg": [0.0, 4.0, 8.0], "low_masses_kg": [0.0, 1.0, 2.0]}
+    reference = {"ripple.reference": {"frequency_hz": 0.125}}
+    text = changed_profile(
+        calibration=masses,
+        misalignment={"velocity_rad_s": 200.0},
+        ripple={"duration_s": 8.0},
+        **reference,
+    )
     return parse_profile(text, "test bench")
 
 

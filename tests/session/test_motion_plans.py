@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import FakeBench, FakeOperator
+from fakes import FakeBench, FakeOperator, quiet
 
 from hdbench.diagnosis.planning.blocks import full_protocol
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
@@ -77,8 +77,7 @@ def test_loads_stand_between_acquisitions_with_lock_and_place() -> None:
 def runner_of(tmp_path: Path, bench: FakeBench, operator: FakeOperator) -> Runner:
     journal = JournalWriter(tmp_path / "journal.hdj")
     recorder = TraceRecorder(PROFILE, 6.6, preset("report-6", PROFILE), journal, 0.001)
-    progress = lambda _what, _share: None  # noqa: E731 - a progress that says nothing
-    return Runner(PROFILE, bench, operator, StopSignals(), progress, recorder)
+    return Runner(PROFILE, bench, operator, StopSignals(), quiet, recorder)
 
 
 def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path: Path) -> None:
@@ -118,9 +117,7 @@ def test_a_plan_runs_on_the_embedded_bench_as_any_other_motion(tmp_path: Path) -
         Segment("ramp", 0.5, 0.0),
     )
     asked = MotionPlan("short", steps)
-    outcome = run_experiment(
-        "ripple", WHOLE, BenchOptions(tmp_path, motion=asked), lambda _what, _share: None
-    )
+    outcome = run_experiment("ripple", WHOLE, BenchOptions(tmp_path, motion=asked), quiet)
     trace = read_trace(outcome.folder.trace)
     assert len(trace) == 4300
     assert "load_torque_nm" not in trace
@@ -133,6 +130,4 @@ def test_a_plan_runs_on_the_embedded_bench_as_any_other_motion(tmp_path: Path) -
 def test_a_simulated_bench_refuses_a_load_that_it_cannot_hold_in_motion(tmp_path: Path) -> None:
     asked = MotionPlan("loaded", (LoadStep("hang it", 5.0), *FREE, LoadStep("off", 0.0)))
     with pytest.raises(UsageError, match="loads only while it is locked"):
-        run_experiment(
-            "ripple", WHOLE, BenchOptions(tmp_path, motion=asked), lambda _what, _share: None
-        )
+        run_experiment("ripple", WHOLE, BenchOptions(tmp_path, motion=asked), quiet)

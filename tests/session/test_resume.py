@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calibrationkit import Scripted
+from fakes import quiet
 
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import BusyError, DataError, HdbenchError, Stopped, UsageError
 from hdbench.filter import FilterModel, filter_trace
-from hdbench.profile import Profile, load_profile, parse_profile
+from hdbench.profile import Profile, parse_profile
 from hdbench.records import RunFolder, read_loads, read_trace, verify_run
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.calibrating.conversation import Answer
@@ -24,23 +25,12 @@ from hdbench.session.experiments import resume_run
 AS_BEFORE = BenchOptions(out=Path(), realtime=None)
 
 
-def quiet(_what: str, _share: float) -> None:
-    """Say nothing."""
-
-
 @pytest.fixture(scope="module")
-def bench() -> Profile:
+def bench(changed_profile) -> Profile:
     """Return the report's bench with one position, both sides, and short motion."""
-    text = load_profile("cim-tr-97-06").text
-    for old, new in (
-        ("positions = 4 ", "positions = 1 "),
-        ('ranges = ["low", "full"]', 'ranges = ["full"]'),
-        ("full_masses_kg = [0.0, 2.0, 4.0, 6.0, 8.0]", "full_masses_kg = [0.0, 4.0, 8.0]"),
-        ("frequency_hz = 0.0625 ", "frequency_hz = 0.25 "),
-        ("duration_s = 32.0", "duration_s = 4.0"),
-    ):
-        assert old in text
-        text = text.replace(old, new)
+    one = {"positions": 1, "ranges": ["full"], "full_masses_kg": [0.0, 4.0, 8.0]}
+    reference = {"ripple.reference": {"frequency_hz": 0.25}}
+    text = changed_profile(calibration=one, ripple={"duration_s": 4.0}, **reference)
     return parse_profile(text, "test bench")
 
 

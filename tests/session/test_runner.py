@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import FakeBench, FakeOperator
+from fakes import FakeBench, FakeOperator, quiet
 
 from hdbench.errors import DeviceError
 from hdbench.filter import preset
@@ -32,7 +32,7 @@ def runner(tmp_path: Path, bench: FakeBench, **changes) -> Runner:
         bench,
         changes.pop("operator", FakeOperator(bench)),
         changes.pop("stop", StopSignals()),
-        lambda _what, _share: None,
+        quiet,
         recorder,
     )
 

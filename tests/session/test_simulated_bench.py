@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fakes import quiet
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening
 from hdbench.devices.emulator.process import running_emulator
@@ -44,18 +45,20 @@ class Person:
 def quick(name: str, found):
     profile = load_profile(name)
     data = opening._at(profile.data, found)
-    calibration = {"positions": 1, "ranges": ("full",), "full_masses_kg": (0.0, 4.0, 8.0)}
+    calibration = {
+        "positions": 1,
+        "directions": ("cw",),
+        "ranges": ("full",),
+        "full_masses_kg": (0.0, 8.0),
+        "average_s": 0.5,
+    }
     data = data.model_copy(
         update={
-            "calibration": data.calibration.model_copy(update={**calibration, "average_s": 0.5}),
+            "calibration": data.calibration.model_copy(update=calibration),
             "ripple": data.ripple.model_copy(update={"duration_s": 4.0, "reference": WAVE}),
         }
     )
     return replace(profile, data=data)
-
-
-def quiet(_what: str, _share: float) -> None:
-    pass
 
 
 def moved(record: Path) -> bool:
@@ -163,7 +166,7 @@ def test_the_channel_survives_what_is_no_order():
         host, _, port = str(found["control"]).removeprefix("tcp://").rpartition(":")
         assert host == "127.0.0.1"
         for line in NO_ORDER:
-            with socket.create_connection((host, int(port)), timeout=5.0) as link:
+            with socket.create_connection((host, int(port)), timeout=60.0) as link:
                 link.sendall(line)
                 assert json.loads(link.makefile().readline())["refused"]
         with open_bench(data, address=str(found["address"]), control=str(found["control"])):
@@ -193,4 +196,4 @@ def test_what_is_no_control_channel_is_told():
             ):
                 pass
             assert "--control" in caught.value.fix
-            thread.join(5.0)
+            thread.join(60.0)

@@ -126,7 +126,7 @@ def test_a_signal_reaches_the_main_thread_from_any_other(hide, monkeypatch):
         other = threading.Thread(target=processes.signal_self, args=(signal.SIGTERM,))
         other.start()
         other.join()
-        until_s = time.monotonic() + 5.0
+        until_s = time.monotonic() + 60.0
         while not seen and time.monotonic() < until_s:
             time.sleep(0.01)
     finally:
@@ -141,14 +141,15 @@ def test_a_socket_keeps_its_deadline(poll, monkeypatch):
     near, far = socket.socketpair()
     with near, far:
         timed = sockets.TimedSocket(near)
-        timed.send(b"request", time.monotonic() + 1.0)
+        timed.send(b"request", time.monotonic() + 60.0)
         assert far.recv(100) == b"request"
         far.send(b"reply")
-        assert timed.receive(100, time.monotonic() + 1.0) == b"reply"
-        start_s = time.monotonic()
+        assert timed.receive(100, time.monotonic() + 60.0) == b"reply"
+        until_s = time.monotonic() + 0.1
         with pytest.raises(TimeoutError):
-            timed.receive(100, start_s + 0.1)
-        assert 0.09 < time.monotonic() - start_s < 1.0
+            timed.receive(100, until_s)
+        # the system's grain of a wait, s
+        assert time.monotonic() > until_s - 0.01
         with pytest.raises(TimeoutError):
             timed.send(bytes(10_000_000), time.monotonic() + 0.1)
 
@@ -169,7 +170,7 @@ def test_a_serial_node_moves_and_stops_by_pyserial_alone(polled):
         bench.configure(AcquisitionSettings(data.daq.sample_period_s, 400, WAVE))
         bench.start()
         taken = 0
-        until_s = time.monotonic() + 20.0
+        until_s = time.monotonic() + 60.0
         while taken < 400 and time.monotonic() < until_s:
             block = bench.read_block()
             taken += len(block) if block else 0

@@ -13,7 +13,6 @@ from hdbench.errors import DataError
 from hdbench.records import add_note, list_runs
 from hdbench.trend import QUANTITIES, trend_of_runs
 from hdbench_cli.commands.trend import command
-from hdbench_cli.main import main
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
 
@@ -234,15 +233,9 @@ def test_damaged_notes_are_an_error_with_their_line(tmp_path):
 
 
 @pytest.fixture
-def hdbench(capsys):
-    def run(*words, code=0):
-        with pytest.raises(SystemExit) as ended:
-            main([str(word) for word in words])
-        said = capsys.readouterr()
-        assert ended.value.code == code, said
-        return said.out
-
-    return run
+def hdbench(hdbench):
+    """Return stdout alone."""
+    return lambda *words, code=0: hdbench(*words, code=code)[0]
 
 
 def test_the_command_writes_csv_json_and_a_page_and_checks(year, tmp_path, hdbench):

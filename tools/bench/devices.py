@@ -45,11 +45,35 @@ def process(*command: str) -> Iterator[str]:
     """Run a command; yields its first line."""
     child = subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True)
     try:
-        assert_line = child.stdout.readline().strip() if child.stdout else ""
-        yield assert_line
+        yield child.stdout.readline().strip() if child.stdout else ""
     finally:
         child.send_signal(signal.SIGTERM)
         child.wait()
+
+
+@contextmanager
+def served(server: Callable[[Any], None]) -> Iterator[int]:
+    """Run a server in a process of its own; yields its port."""
+    port = multiprocessing.Value("i", 0)
+    child = multiprocessing.Process(target=server, args=(port,), daemon=True)
+    child.start()
+    while not port.value:
+        time.sleep(0.01)
+    yield port.value
+    child.terminate()
+    child.join()
+
+
+def compared(ours: list[float], theirs: list[float]) -> dict[str, float]:
+    """Return the medians of rates taken in turns, and of their ratios median and range."""
+    ratio = np.array(ours) / np.array(theirs)
+    return {
+        "ours_per_s": round(float(np.median(ours))),
+        "theirs_per_s": round(float(np.median(theirs))),
+        "ratio_median": round(float(np.median(ratio)), 3),
+        "ratio_min": round(float(ratio.min()), 3),
+        "ratio_max": round(float(ratio.max()), 3),
+    }
 
 
 @contextmanager
@@ -62,9 +86,7 @@ def paced_node(pace: str, query: str) -> Iterator[str]:
         with process("tools/faults/paced.py", query) as near:
             yield near
         return
-    emulate = "from hdbench_cli.main import main; main()"
-    realtime = ("-c", emulate, "emulate", "--rtu", "--pace", "realtime", "--json")
-    with process(*realtime) as told:
+    with process("-m", "hdbench_cli", "emulate", "--rtu", "--pace", "realtime", "--json") as told:
         path = str(json.loads(told)["address"]).partition("?")[0]
         with process("tools/faults/paced.py", f"{path}?{query}") as near:
             yield near
@@ -156,21 +178,14 @@ def _fastest(address: str, n_channels: int, seconds: float) -> float:
 def tcp(seconds: float) -> dict[str, object]:
     """Compare the driver with raw sockets, in turns, on one and the same server."""
     row: dict[str, object] = {}
-    emulate = "from hdbench_cli.main import main; main()"
-    with process("-c", emulate, "emulate", "--pace", "fast", "--json") as told:
+    with process("-m", "hdbench_cli", "emulate", "--pace", "fast", "--json") as told:
         port = int(json.loads(told)["port"])
         row["emulated bench"] = _compare(port, seconds / 3, lambda: _started(port))
     with process("tools/faults/replies.py", "--serve", "tcp") as told:
         port = parse_address(json.loads(told)["address"]).port
         row["counting node"] = _compare(port, seconds / 3, lambda: _started(port))
-    shared = multiprocessing.Value("i", 0)
-    server = multiprocessing.Process(target=_block_server, args=(shared,), daemon=True)
-    server.start()
-    while not shared.value:
-        time.sleep(0.01)
-    row["server of canned blocks"] = _compare(shared.value, seconds / 3, lambda: 1)
-    server.terminate()
-    server.join()
+    with served(_block_server) as port:
+        row["server of canned blocks"] = _compare(port, seconds / 3, lambda: 1)
     print(json.dumps(row), flush=True)
     return row
 
@@ -199,16 +214,8 @@ def _compare(port: int, seconds: float, start: Callable[[], int]) -> dict[str, o
             )
     row: dict[str, object] = {}
     for decode, what in ((False, "bytes"), (True, "values")):
-        raw, ours = rates["raw", decode], rates["driver", decode]
-        shares = np.array(ours) / np.array(raw)
-        row[what] = {
-            "raw_exchanges_per_s": round(float(np.median(raw))),
-            "driver_exchanges_per_s": round(float(np.median(ours))),
-            "share_median": round(float(np.median(shares)), 3),
-            "share_min": round(float(np.min(shares)), 3),
-            "share_max": round(float(np.max(shares)), 3),
-            "driver_scans_per_s": round(float(np.median(ours)) * block_scans(5)),
-        }
+        found = compared(rates["driver", decode], rates["raw", decode])
+        row[what] = {**found, "scans_per_s": found["ours_per_s"] * block_scans(5)}
     return row
 
 
@@ -307,18 +314,11 @@ def _driver_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
 def polled(seconds: float) -> dict[str, object]:
     """Compare the link of polled devices with pymodbus as it comes, reads of 2 to 125 registers."""
     row: dict[str, object] = {}
-    shared = multiprocessing.Value("i", 0)
-    server = multiprocessing.Process(target=_register_server, args=(shared,), daemon=True)
-    server.start()
-    while not shared.value:
-        time.sleep(0.01)
-    for count in (2, 20, 125):
-        place = (shared.value, 0, count)
-        row[f"canned replies, {count} registers"] = _compare_polled(place, seconds / 4)
-    server.terminate()
-    server.join()
-    emulate = "from hdbench_cli.main import main; main()"
-    with process("-c", emulate, "emulate", "--profile", "laumas-tlb4", "--json") as told:
+    with served(_register_server) as port:
+        for count in (2, 20, 125):
+            place = (port, 0, count)
+            row[f"canned replies, {count} registers"] = _compare_polled(place, seconds / 4)
+    with process("-m", "hdbench_cli", "emulate", "--profile", "laumas-tlb4", "--json") as told:
         # its weight, after the 10 ms that the device takes for a reply
         row["emulated device"] = _compare_polled((json.loads(told)["port"], 6, 2), seconds / 4)
     print(json.dumps(row), flush=True)
@@ -347,15 +347,7 @@ def _compare_polled(place: tuple[int, int, int], seconds: float) -> dict[str, ob
                 rates[name].append(_rate(ask, seconds / (2 * TURNS)))
     result: dict[str, object] = {}
     for at, what in ((0, "per_s"), (1, "per_cpu_s")):
-        strict, stock = (np.array([each[at] for each in rates[name]]) for name in rates)
-        ratio = strict / stock
-        result[what] = {
-            "strict": round(float(np.median(strict))),
-            "stock": round(float(np.median(stock))),
-            "ratio_median": round(float(np.median(ratio)), 2),
-            "ratio_min": round(float(ratio.min()), 2),
-            "ratio_max": round(float(ratio.max()), 2),
-        }
+        result[what] = compared(*([each[at] for each in rates[name]] for name in rates))
     return result
 
 

@@ -277,7 +277,10 @@ def _reader(descriptor: int, ended: threading.Event) -> Read:
     def read() -> bytes:
         while not ended.is_set():
             if select.select([descriptor], (), (), _GRAIN_S)[0]:
-                return os.read(descriptor, _CHUNK)
+                # whoever else opens the line may take what was there, or change its settings
+                with contextlib.suppress(BlockingIOError):
+                    if data := os.read(descriptor, _CHUNK):
+                        return data
         return b""
 
     return read

@@ -52,6 +52,8 @@ ROLES = ("torque", "tacho", "current", "reference", "encoder")
 SHARE = 0.3
 # a call that fails is made again; so many in a row mean that nothing works any more
 HOPELESS = 50
+# after so many the device may hold its host for gone, and has ended the acquisition
+GONE = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +182,10 @@ def part(
             except DeviceError:
                 block = None
                 failed, hopeless = failed + 1, hopeless + 1
+                if hopeless % GONE == 0:
+                    mangler.share = 0.0
+                    _begin(daq)
+                    mangler.share = SHARE
             if block is not None:
                 delivered += len(block)
                 wrong += wrong_samples(block)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import UsageError
 from hdbench_cli.inputs import DEFAULT_PROFILE
 from hdbench_cli.next_step import after_import, next_line
 from hdbench_cli.options import declared
@@ -41,7 +41,7 @@ def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
     return found
 
 
-def _imported(report: ImportReport) -> Iterator[str]:
+def _imported(report: ImportReport, profile_name: str | None) -> Iterator[str]:
     """Yield what one file or several became."""
     yield f"{report.kind}: {report.rows} rows of {', '.join(report.columns)}"
     if report.lost:
@@ -50,7 +50,7 @@ def _imported(report: ImportReport) -> Iterator[str]:
         yield f"time starts at 0; it was {report.time_origin_s!r} s"
     yield from report.notes
     yield f"read back and kept as {report.out}"
-    command = after_import(report.kind, report.out, report.columns)
+    command = after_import(report.kind, report.out, report.columns, profile_name)
     if command:
         yield next_line(command)
 
@@ -92,6 +92,7 @@ def _listing(
     from hdbench.importing.listing import list_channels
     from hdbench.importing.proposal import proposed_mapping, time_candidate
     from hdbench.importing.registry import open_source
+    from hdbench.importing.trace import no_time
     from hdbench.records import result_header
 
     with closing(open_source(file, recipe.layout, recipe.asked)) as source:
@@ -100,7 +101,7 @@ def _listing(
         proposal = proposed_mapping(facts, recipe, source.channels, bench)
     out = _default_out(file)
     if proposal.no_time and output.json:
-        raise _no_time(file)
+        raise no_time(source)
     body = {
         **result_header("import", profile),
         "file": str(file),
@@ -112,18 +113,10 @@ def _listing(
     command = proposal.command(file, out)
     output.result(body, lambda _body: _listed(source, facts, proposal, command))
     if proposal.no_time:
-        raise _no_time(file)
+        raise no_time(source)
     if not ask or proposal.needs or output.json:
         return None
     return proposal if click.confirm(f"Take it and write {out}?", err=True) else None
-
-
-def _no_time(file: Path) -> DataError:
-    return DataError(
-        "no time column; needed: the time of every row, or the sample rate",
-        where=str(file),
-        fix="give the rate at which it was sampled by --rate HZ, or --time COLUMN",
-    )
 
 
 def _default_out(file: Path) -> Path:
@@ -198,9 +191,7 @@ def command(
         if taken is None:
             return
         recipe, out = taken.taken(), _default_out(files[0])
-    # the gear ratio of a bench that nobody named is none of this drive
-    ratio = None if profile_name is None else profile.data.drive.gear_ratio
-    _run(output, recipe, files, _needed(out), profile, ratio)
+    _run(output, recipe, files, _needed(out), profile, profile_name)
     if keep and recipe_file is not None:
         write_recipe(recipe_file, recipe)
         output.note(f"mapping kept as {recipe_file}")
@@ -218,24 +209,25 @@ def _run(
     files: tuple[Path, ...],
     out: Path,
     profile: Profile,
-    gear_ratio: float | None,
+    profile_name: str | None,
 ) -> None:
     """Import into one file, or each file into a folder."""
     from hdbench.importing.importer import import_files
     from hdbench.records import result_header
 
+    # the gear ratio of a bench that nobody named is none of this drive
+    ratio = None if profile_name is None else profile.data.drive.gear_ratio
     arm = profile.data.arm
     if not out.is_dir():
-        report = import_files(recipe, files, out, arm, gear_ratio)
+        report = import_files(recipe, files, out, arm, ratio)
         body = {**result_header("import", profile), **report.to_dict()}
-        output.result(body, lambda _body: _imported(report))
+        output.result(body, lambda _body: _imported(report, profile_name))
         return
-    reports = [
-        import_files(recipe, [file], out / _default_out(file), arm, gear_ratio) for file in files
-    ]
+    reports = [import_files(recipe, [file], out / _default_out(file), arm, ratio) for file in files]
     told = [report.to_dict() for report in reports]
     whole = {**result_header("import", profile), "imports": told}
-    output.result(whole, lambda _body: (x for report in reports for x in _imported(report)))
+    lines = (line for report in reports for line in _imported(report, profile_name))
+    output.result(whole, lambda _body: lines)
 
 
 def _staircase(
@@ -295,4 +287,4 @@ def _plateaus(report: StaircaseReport) -> Iterator[str]:
             shown = ", ".join(f"{t:.2f}" for t in times[:8])
             yield f"{len(times)} {name} left out, at {shown} s"
     yield f"read back and kept as {report.out}"
-    yield next_line(after_import("loads", report.out, ()))
+    yield next_line(after_import("loads", report.out, (), None))

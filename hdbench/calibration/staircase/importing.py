@@ -15,10 +15,10 @@ import numpy as np
 from hdbench.calibration.staircase.plateaus import Plateau, Staircase, find_plateaus
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.convert import conversion
-from hdbench.importing.mapping import ColumnMap, Constant, find_source
+from hdbench.importing.layout import ForeignFormat
+from hdbench.importing.mapping import Entry, find_source
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
-from hdbench.importing.text import ForeignFormat
 from hdbench.profile.calibrating import Arm
 from hdbench.records.loads import LoadReading, Loads
 from hdbench.records.storage import publish, staged_path
@@ -59,9 +59,9 @@ class StaircasePlan:
 
     Parameters
     ----------
-    maps : tuple of ColumnMap
+    maps : tuple of Entry
         ``time_s`` and ``reading_v``.
-    constants : tuple of Constant
+    constants : tuple of Entry
         ``experiment``, ``position_rad``, ``range``, ``direction``; each has a default.
     loads : tuple of float
         Loads in the order in which they were hung.
@@ -75,8 +75,8 @@ class StaircasePlan:
         How the file is laid out.
     """
 
-    maps: tuple[ColumnMap, ...]
-    constants: tuple[Constant, ...]
+    maps: tuple[Entry, ...]
+    constants: tuple[Entry, ...]
     loads: tuple[float, ...]
     unit: str = "nm"
     least_s: float = 3.0
@@ -181,7 +181,7 @@ def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> St
     if out.resolve() == file.resolve():
         raise UsageError(f"{out} is the input", where="--out", fix="name a new file")
     place = _place(plan.constants)
-    maps = {m.target: m.source for m in plan.maps}
+    maps = {m.target: m.text for m in plan.maps}
     with closing(open_source(file, plan.layout)) as source:
         reading = _reading(source, maps)
         time_s = _time(source, maps, len(reading), plan.rate_hz)
@@ -197,7 +197,7 @@ def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> St
     return StaircaseReport(out, stairs, plan.loads, plan.unit, len(reading))
 
 
-def _place(constants: Sequence[Constant]) -> _Place:
+def _place(constants: Sequence[Entry]) -> _Place:
     given: dict[str, Any] = {}
     for entry in constants:
         if entry.target not in _PLACE:
@@ -206,14 +206,14 @@ def _place(constants: Sequence[Constant]) -> _Place:
                 where="--set",
                 fix=f"set one of {', '.join(_PLACE)}",
             )
-        allowed = _WORDS.get(entry.target, (entry.value,))
-        if entry.value not in allowed:
+        allowed = _WORDS.get(entry.target, (entry.text,))
+        if entry.text not in allowed:
             raise UsageError(
-                f"{entry.target} is {entry.value!r:.40}",
+                f"{entry.target} is {entry.text!r:.40}",
                 where="--set",
                 fix=f"needed: {' or '.join(allowed)}",
             )
-        given[entry.target] = entry.value
+        given[entry.target] = entry.text
     if "position_rad" in given:
         given["position_rad"] = _angle(given["position_rad"])
     return _Place(**given)
@@ -263,7 +263,7 @@ def _column(source: Source, target: str, text: str, option: str) -> FloatArray:
     column = find_source(source, text, option)
     done = conversion(target, source, column, turn=True, given=text)
     parts: list[FloatArray] = []
-    for piece in source.pieces([column.channel.name]):
+    for piece in source.read([column.channel.name]):
         parts.append(done.piece(piece[column.channel.name], sum(map(len, parts))))
     return done.whole(np.concatenate(parts)) if parts else np.empty(0)
 

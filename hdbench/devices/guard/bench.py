@@ -166,9 +166,9 @@ class GuardProcess:
         self._read(0.0)
         for line in self._words.split(b"\n"):
             word = line.lstrip(b".")
-            if word[:1] in (b"F", b"U"):
+            if word[:1] == b"F":
                 raise _fault(
-                    f"it has stopped the motor: {word[1:].decode('ascii', 'replace')}",
+                    f"it stops the motor: {word[1:].decode('ascii', 'replace')}",
                     "look for what held this computer up, then run again",
                 )
         self._words = self._words.rpartition(b"\n")[2].lstrip(b".")
@@ -342,7 +342,16 @@ class GuardedBench(HostedBench):
 
     def read_block(self) -> Block | None:
         """Return the next block; every call that comes back is a sign of life."""
-        block = super().read_block()
+        try:
+            block = super().read_block()
+        except DeviceError as error:
+            if self.guard is not None:
+                try:
+                    self.guard.check()
+                except DeviceError as cause:
+                    # what the device refuses may be the guard's doing
+                    raise cause from error
+            raise
         if self.guard is not None:
             self.guard.beat()
         return block

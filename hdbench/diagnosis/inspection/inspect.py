@@ -27,6 +27,8 @@ from hdbench.diagnosis.inspection.result import (
     Sampling,
 )
 from hdbench.estimation.bandwidth import Spectrum, spectrum_of
+from hdbench.importing.convert import is_alike, pace_ratio
+from hdbench.importing.units import unit_scale
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -59,6 +61,8 @@ _CONSEQUENCES = {
     "saturation": "what went beyond is not known: these samples must not be fitted",
     "stuck-value": "the drive was off or the channel was held: these samples say nothing",
     "derived": "the two are one measurement: neither can show a fault of the other",
+    "units-disagree": "one has another unit, side of the gear or sign than the other: import them "
+    "with the unit behind @, or with @output",
     "delay": "accelerations and torques are held against another moment: what changes faster "
     "than {hertz:.2g} Hz is off by a third or more",
     "at-rest": "nothing that turns can be told",
@@ -118,7 +122,8 @@ def inspect_log(log: Log, profile: ProfileData) -> Inspection:
         angle, name = (log.roles[role] for role in shaft.names)
         facts[name] = replace(facts[name], delay_s=delay[0], delay_std_s=delay[1], delay_to=angle)
     own = [finding for _, _, found in looks for finding in found]
-    findings = (*_of_stamps(sampling), *own, *_of_pairs(facts.values(), sampling))
+    pairs = (*_of_units(log), *_of_pairs(facts.values(), sampling))
+    findings = (*_of_stamps(sampling), *own, *pairs)
     return Inspection(
         log.source, sampling, tuple(facts.values()), findings, _coverage(log), log.notes, spectra
     )
@@ -294,6 +299,20 @@ def _pace(shaft: Shaft) -> FloatArray:
     """Return the mean rate of the angle around each sample, which has no delay, rad/s."""
     rate = np.where(shaft.good, shaft.moves_rad / shaft.steps_s, np.nan)
     return np.asarray(0.5 * (np.append(rate, np.nan) + np.append(np.nan, rate)))
+
+
+def _of_units(log: Log) -> Iterator[Finding]:
+    """Return where angle and velocity, in the units that they state, tell of unlike motions."""
+    names = [log.roles.get(name, "") for name in ("motor_angle_rad", "motor_velocity_rad_s")]
+    if log.time_s is None or not all(names):
+        return
+    angle, velocity = (
+        log.channels[name] * float(unit_scale(log.units.get(name, ""), unit) or 1)
+        for name, unit in zip(names, ("rad", "rad/s"), strict=True)
+    )
+    ratio = pace_ratio(log.time_s, angle, velocity)
+    if ratio is not None and not is_alike(ratio):
+        yield _finding("units-disagree", names[1], f"{ratio:.4g} times the rate of {names[0]}")
 
 
 def _of_pairs(facts: Iterable[ChannelFacts], sampling: Sampling) -> Iterator[Finding]:

@@ -25,14 +25,17 @@ WRAP = 2**32
 class SignedCounter:
     """Turns a counter's edges into a position.
 
-    position(k) = position(k - 1) + sign(tacho(k)) * edges(k) * counts_per_edge, where edges(k) came
-    since sample k - 1, modulo 2**16. Near a reversal an edge or two may get the other sign; the
-    position is in the middle of what an edge leaves open, half of `counts_per_edge`.
+    position(k) = position(k - 1) + sign(tacho(k - 1) + tacho(k)) * edges(k) * counts_per_edge:
+    edges(k) came since sample k - 1, modulo 2**16: the sum has the sign of the larger part of the
+    way where the motor turns round between two samples. An edge of the smaller part gets the wrong
+    sign, and the position is off by two edges until another one makes up for it. The position is
+    in the middle of what an edge leaves open, half of `counts_per_edge`.
     """
 
     def __init__(self, counts_per_edge: int) -> None:
         self._counts_per_edge = counts_per_edge
         self._last: int | None = None
+        self._last_tacho = 0.0
         self._position = counts_per_edge // 2
 
     def __call__(self, edges: FloatArray, tacho: FloatArray) -> FloatArray:
@@ -42,7 +45,9 @@ class SignedCounter:
         counts = edges.astype(np.int64)
         first = int(counts[0]) if self._last is None else self._last
         steps = np.diff(counts, prepend=first) % _COUNTER_WRAP
-        moved = np.where(tacho < 0.0, -steps, steps) * self._counts_per_edge
+        way = tacho + np.concatenate(([self._last_tacho], tacho[:-1]))
+        moved = np.where(way < 0.0, -steps, steps) * self._counts_per_edge
+        self._last_tacho = float(tacho[-1])
         positions = self._position + np.cumsum(moved)
         self._last, self._position = int(counts[-1]), int(positions[-1])
         wrapped: FloatArray = (positions % WRAP).astype(np.float64)

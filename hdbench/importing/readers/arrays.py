@@ -10,16 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.importing.layout import is_time_name
-from hdbench.importing.source import (
-    Channel,
-    Piece,
-    Source,
-    numbers,
-    spans,
-    spelled,
-)
-from hdbench.importing.units import stated_unit
+from hdbench.importing.source import Channel, Piece, Source, numbers, piece_rows, spans, spelled
+from hdbench.importing.units import is_time_name, stated_unit
 
 # columns of one matrix that are channels; a matrix that is wider either way is no set of channels
 MOST_COLUMNS = 512
@@ -106,8 +98,10 @@ class ArraySource(Source):
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield rows of the arrays."""
         columns = {name: self._columns[name] for name in names}
-        rows = next(iter(columns.values())).array.shape[0]
-        for start, count in spans(rows):
+        arrays = {id(column.array): column.array for column in columns.values()}
+        rows = next(iter(arrays.values())).shape[0]
+        most = piece_rows(sum(a.dtype.itemsize * (*a.shape, 1)[1] // 8 for a in arrays.values()))
+        for start, count in spans(rows, most):
             read: dict[int, NDArray[Any]] = {}
             piece = {}
             for name, column in columns.items():

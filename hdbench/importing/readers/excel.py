@@ -13,14 +13,13 @@ from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.importing.layout import SEARCHED_LINES, table_layout
+from hdbench.importing.readers.text import CellsSource, CellTable
 from hdbench.importing.source import Source, listed
-from hdbench.importing.text import CellsSource, CellTable
 from hdbench.records.tables import data_error
 
 _FORM = "Excel workbook"
 # texts that cells share are read as a whole; numbers are not among them
 _MOST_SHARED_BYTES = 64 << 20
-_MOST_COLUMNS = 1000
 
 
 def open_file(path: Path) -> Source:
@@ -43,7 +42,7 @@ def open_file(path: Path) -> Source:
     for sheet in sheets:
         head = [row for row, _ in zip(_cells(sheet), range(SEARCHED_LINES), strict=False)]
         widest = max((len(cells) for _, cells in head), default=0)
-        head = [(number, [*cells, *[""] * widest][:widest]) for number, cells in head]
+        head = [(n, [*map(_text, cells), *[""] * widest][:widest]) for n, cells in head]
         layout = table_layout(head, ",", named=True)
         if layout is None:
             empty.append(sheet.title)
@@ -65,18 +64,21 @@ class _Workbook(CellsSource):
         super().__init__(path, _FORM, tables)
         self._book = book
 
+    @staticmethod
+    def text(cell: Any) -> str:
+        return _text(cell)
+
     def close(self) -> None:
         self._book.close()
 
 
-def _cells(sheet: Any) -> Iterator[tuple[int, list[str]]]:
+def _cells(sheet: Any) -> Iterator[tuple[int, list[Any]]]:
     """Yield the number and the cells of the rows that hold something."""
     # what the sheet claims of its size may be wrong either way
     sheet.reset_dimensions()
-    for number, row in enumerate(sheet.iter_rows(values_only=True, max_col=_MOST_COLUMNS), 1):
-        cells = [_text(cell) for cell in row]
-        if any(cells):
-            yield number, cells
+    for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
+        if any(map(_text, row)):
+            yield number, [*row]
 
 
 def _text(cell: object) -> str:
@@ -96,11 +98,11 @@ def _text(cell: object) -> str:
 
 def _rows(
     path: Path, sheet: Any, start: int, width: int, done: int
-) -> Iterator[tuple[int, list[str]]]:
+) -> Iterator[tuple[int, list[Any]]]:
     for number, cells in itertools.islice(_cells(sheet), done, None):
         if number < start:
             continue
-        if any(cells[width:]):
+        if any(map(_text, cells[width:])):
             what = f"{len(cells)} cells; needed: {width}"
             raise data_error(path, number, what, "take what stands beside the table out")
-        yield number, [*cells, *[""] * width][:width]
+        yield number, [*cells, *[None] * width][:width]

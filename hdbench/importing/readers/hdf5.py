@@ -90,14 +90,10 @@ def _array(path: Path, name: str, dataset: Any) -> NamedArray:
             fix="repack it with smaller chunks, such as by h5repack",
         )
     shape = dataset.shape
-    if len(shape) == 2 and shape[0] < shape[1]:  # MATLAB's vectors, and what lies on its side
-
-        def turned(start: int, stop: int) -> NDArray[Any]:
-            return np.asarray(dataset[:, start:stop]).T
-
-        return NamedArray(name, shape[::-1], dataset.dtype, turned, _unit(dataset))
+    # MATLAB's vectors, and what lies on its side
+    lying = len(shape) == 2 and shape[0] < shape[1]
 
     def rows(start: int, stop: int) -> NDArray[Any]:
-        return np.asarray(dataset[start:stop])
+        return np.asarray(dataset[:, start:stop].T if lying else dataset[start:stop])
 
-    return NamedArray(name, shape, dataset.dtype, rows, _unit(dataset))
+    return NamedArray(name, shape[::-1] if lying else shape, dataset.dtype, rows, _unit(dataset))

@@ -11,19 +11,19 @@ from typing import IO, Any
 import numpy as np
 from pydantic_core import from_json
 
-from hdbench.importing.layout import is_time_name
+from hdbench.importing.cells import stamp_seconds
 from hdbench.importing.source import (
     MOST_CHANNELS,
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     damaged,
     finite_or_nan,
+    piece_rows,
     spelled,
     text_cells,
 )
-from hdbench.importing.units import stated_unit
+from hdbench.importing.units import is_time_name, stated_unit
 
 _FORM = "JSON file"
 _BLOCK = 1 << 20
@@ -175,25 +175,26 @@ def _flat(record: Mapping[str, Any], before: str = "", depth: int = 0) -> dict[s
     return flat
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float)
-
-
 class _JsonSource(Source):
     def __init__(self, path: Path) -> None:
         super().__init__(path, _FORM)
         other: dict[str, Any] = {}
         kinds: dict[tuple[str, str], bool] = {}
+        stamped: set[tuple[str, str]] = set()
         for k, (group, record) in enumerate(self._all(other)):
             for key, value in record.items():
                 found = kinds.get((group, key), False)
-                kinds[group, key] = found or _is_number(value) or isinstance(value, str)
+                kinds[group, key] = found or isinstance(value, int | float | str)
+                if isinstance(value, str) and stamp_seconds(value) is not None:
+                    stamped.add((group, key))
             if k >= _PROBED:
                 break
         kept = [pair for pair, useful in kinds.items() if useful]
         self._keys = self.hold(
             [
-                (Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)), (g, key))
+                (Channel(f"{g}{key}", "s", g, True), (g, key))
+                if (g, key) in stamped
+                else (Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)), (g, key))
                 for g, key in kept
             ]
         )
@@ -211,11 +212,12 @@ class _JsonSource(Source):
         keys = [self._keys[name][1] for name in names]
         group = self._keys[names[0]][0]
         rows: list[list[Any]] = []
+        most = piece_rows(8 * len(names))
         for found, record in self._all({}):
             if found != group:
                 continue
             rows.append([record.get(key) for key in keys])
-            if len(rows) == PIECE_ROWS:
+            if len(rows) == most:
                 yield _piece(names, rows)
                 rows = []
         if rows:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +23,18 @@ _MOST_BYTES = 128 << 20
 _DEEPEST = 8
 
 
-class _Variable:
-    """One variable, read when it is first asked for."""
-
-    def __init__(self, path: Path, name: str) -> None:
-        self._path, self._name = path, name
-        self._value: NDArray[Any] | None = None
-
-    def read(self, start: int, stop: int) -> NDArray[Any]:
-        """Return rows."""
-        if self._value is None:
-            found = loadmat(self._path, variable_names=[self._name])[self._name]
-            self._value = _upright(np.asarray(found))
-        return self._value[start:stop]
-
-
 def _upright(array: NDArray[Any]) -> NDArray[Any]:
     """Return a row vector as a column; what is wider than long lies on its side too."""
     return array.T if array.ndim == 2 and 0 < array.shape[0] < array.shape[1] else array
+
+
+def _variable(path: Path, name: str) -> NDArray[Any]:
+    return _upright(np.asarray(loadmat(path, variable_names=[name])[name]))
+
+
+def _rows(variable: Callable[[], NDArray[Any]], start: int, stop: int) -> NDArray[Any]:
+    """Return rows of a variable that is read when it is first asked for."""
+    return variable()[start:stop]
 
 
 def open_file(path: Path) -> Source:
@@ -60,8 +56,8 @@ def open_file(path: Path) -> Source:
             arrays += _inside(name, loaded, 0)
             continue
         upright = shape[::-1] if len(shape) == 2 and 0 < shape[0] < shape[1] else shape
-        variable = _Variable(path, name)
-        arrays.append(NamedArray(name, tuple(upright), np.dtype(np.float64), variable.read))
+        read = partial(_rows, cache(partial(_variable, path, name)))
+        arrays.append(NamedArray(name, tuple(upright), np.dtype(np.float64), read))
     return ArraySource(path, _FORM, arrays)
 
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.errors import DataError
 from hdbench.importing.source import (
     Channel,
     Piece,
     Source,
     damaged,
     numbers,
+    piece_rows,
     spans,
     spelled,
     text_cells,
@@ -65,7 +65,7 @@ class _MdfSource(Source):
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         rows = next(c.rows for c in self.channels if c.name == names[0]) or 0
-        for start, count in spans(rows):
+        for start, count in spans(rows, piece_rows(len(names))):
             piece = {name: self._read(name, start, count) for name in names}
             if any(len(values) != count for values in piece.values()):
                 raise damaged(self.path, _FORM, f"a group ends before its {rows} records")
@@ -98,11 +98,7 @@ def open_file(path: Path) -> Source:
     """Open an MDF file."""
     asammdf: Any = importlib.import_module("asammdf")
     if path.stat().st_size < 64 + 104:
-        raise DataError(
-            f"damaged {_FORM}: {path.stat().st_size} bytes; needed: its header",
-            where=str(path),
-            fix="copy the file again",
-        )
+        raise damaged(path, _FORM, f"{path.stat().st_size} bytes, less than its header")
     # by its path the library would read a channel whole for each piece of it
     file = asammdf.MDF(path.open("rb"))
     try:

@@ -10,16 +10,8 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.importing.layout import is_time_name
-from hdbench.importing.source import (
-    PIECE_ROWS,
-    Channel,
-    Piece,
-    Source,
-    numbers,
-    text_cells,
-)
-from hdbench.importing.units import stated_unit
+from hdbench.importing.source import Channel, Piece, Source, numbers, piece_rows, text_cells
+from hdbench.importing.units import is_time_name, stated_unit
 
 _FORM = "Parquet file"
 # a group of rows is unpacked by columns; writers make groups of some MB
@@ -55,7 +47,7 @@ class _ParquetSource(Source):
             raise DataError(
                 "a column name occurs twice", where=str(self.path), fix="write it again"
             )
-        batches = self._file.iter_batches(PIECE_ROWS, columns=list(wanted.values()))
+        batches = self._file.iter_batches(piece_rows(len(names)), columns=list(wanted.values()))
         for batch in batches:
             yield {name: _array(batch.column(column)) for name, column in wanted.items()}
 

@@ -18,14 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError
-from hdbench.importing.source import (
-    PIECE_ROWS,
-    Channel,
-    Piece,
-    Source,
-    spelled,
-)
+from hdbench.importing.source import Channel, Piece, Source, damaged, piece_rows, spelled
 
 _FORM = "ROS bag"
 _NAMES = ("name", "names", "joint_names")
@@ -283,8 +276,10 @@ class _RosSource(Source):
         clocks = {c.name: c.clock for c in self.channels}
         getters = {name: self._getters[name] for name in names}
         messages = self._messages(self._topics[clocks[names[0]]])
-        while part := list(itertools.islice(messages, PIECE_ROWS)):
-            yield self._piece(part, getters)
+        for first in messages:
+            # others of a topic are about as long
+            rest = itertools.islice(messages, piece_rows(len(first[2]) // 4) - 1)
+            yield self._piece([first, *rest], getters)
 
     def _piece(
         self, messages: Sequence[tuple[int, str, bytes]], getters: Mapping[str, _Getter]
@@ -393,16 +388,10 @@ def _check_sqlite(path: Path) -> None:
     with path.open("rb") as file:
         header = file.read(100)
     if len(header) < 100:
-        raise DataError(
-            f"{len(header)} bytes; needed: a database", where=str(path), fix="copy the file again"
-        )
+        raise damaged(path, _FORM, f"{len(header)} bytes, less than a database has")
     page = int.from_bytes(header[16:18], "big")
     page = 65536 if page == 1 else page
     pages = int.from_bytes(header[28:32], "big")
     size = path.stat().st_size
     if pages and page * pages > size:
-        raise DataError(
-            f"damaged ROS bag: {size} bytes; needed: {page * pages}, as its header says",
-            where=str(path),
-            fix="copy the file again",
-        )
+        raise damaged(path, _FORM, f"{size} bytes of {page * pages}, as its header says")

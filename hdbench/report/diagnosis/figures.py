@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from hdbench.report.pagemodel import Picture
 
 # samples in a close-up: enough to see a ripple, few enough to tell the dots
 _CLOSE_SAMPLES = 160
+# steps of a time that are longer than so many usual ones are a gap
+_GAP_STEPS = 3.5
 # of each spectrum: its file, its axis, the label and the name of the axis, its unit
 _SPECTRA = (
     ("order", "motor_order", "motor order (cycles per motor turn)", "motor order", ""),
@@ -99,8 +102,7 @@ def _comparison(columns: Columns, name: str) -> Picture:
         whole.curve(time, columns[f"{key}_nm"], colour, linewidth=0.7, label=key)
     whole.label(None, "torque (N·m)")
     whole.legend_above()
-    middle = len(time) // 2
-    cut = slice(middle, min(middle + _CLOSE_SAMPLES, len(time)))
+    cut = _close_up(time)
     for axes, key, colour, words in (
         (before, "simulated_nm", "expected", "close-up: measured (dots) and simulated"),
         (after, "extended_nm", "after", "close-up: measured (dots) and extended simulation"),
@@ -116,6 +118,15 @@ def _comparison(columns: Columns, name: str) -> Picture:
     )
     alt = "Measured torque over time with the simulated torque, before and after the extension."
     return Picture.drawn(figure, name, "Measured against simulated", caption, alt)
+
+
+def _close_up(time: FloatArray) -> slice:
+    """Return samples in the middle of the longest stretch without a gap, as between records."""
+    steps = np.diff(time)
+    ends = [0, *(np.flatnonzero(steps > _GAP_STEPS * np.median(steps)) + 1).tolist(), len(time)]
+    first, last = max(itertools.pairwise(ends), key=lambda pair: pair[1] - pair[0])
+    middle = (first + last) // 2
+    return slice(middle, min(middle + _CLOSE_SAMPLES, last))
 
 
 def _residual(columns: Columns, name: str) -> Picture:

@@ -85,8 +85,9 @@ def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Ite
 
 @contextmanager
 def driver(what: ModbusAcquisition, address: str, **changes: Any) -> Iterator[ModbusDaq]:
-    """Open a driver at an address."""
-    daq = open_modbus(BENCH, what.model_copy(update={"address": address, **changes}))
+    """Open a driver at an address, patient as it may be."""
+    table = what.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
+    daq = open_modbus(BENCH, table)
     try:
         yield daq
     finally:

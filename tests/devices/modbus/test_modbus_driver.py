@@ -241,16 +241,16 @@ def test_a_late_reply_on_a_serial_line_is_never_another_reading():
     with served(made, wire="rtu") as found:
         cell = found.device.memory._cells[("holding", 10)]
         cell.on_read = lambda: float(len(found.requests))
-        mangler = Mangler("late", RtuFraming(crc16), share=0.0, seed=2, late_s=0.065)
+        mangler = Mangler("late", RtuFraming(crc16), share=0.0, seed=2, late_s=0.2)
         path = found.address.removeprefix("rtu://")
         wrong = good = 0
         with (
             faulty_serial(path, mangler) as near,
-            driver(made, f"rtu://{near}", deadline_s=0.2) as daq,
+            driver(made, f"rtu://{near}", deadline_s=0.6) as daq,
         ):
             daq.identity()
             mangler.share = 0.4
-            for _ in range(25):
+            for _ in range(12):
                 before = len(found.requests)
                 try:
                     value = daq.snapshot()["torque"]
@@ -259,7 +259,7 @@ def test_a_late_reply_on_a_serial_line_is_never_another_reading():
                 good += 1
                 wrong += not value > before
         assert mangler.changed >= 3
-        assert (good > 5, wrong) == (True, 0)
+        assert (good > 2, wrong) == (True, 0)
 
 
 def test_a_deadline_too_short_for_a_serial_line_is_refused():

@@ -97,13 +97,13 @@ def test_the_guard_knows_a_device_by_every_rule_and_writes_to_no_other(rule, val
 
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_device_that_is_silent_ends_a_call_at_its_deadline(wire):
-    with served(BENCH, wire=wire) as found, driver(BENCH, found.address, deadline_s=0.4) as daq:
+    with served(BENCH, wire=wire) as found, driver(BENCH, found.address, deadline_s=0.8) as daq:
         daq.identity()
         found.call(lambda: setattr(found.device, "hears", lambda _: False))
         watch = Stopwatch()
-        with pytest.raises(DeviceError, match=r"no valid reply in time, 2 times"):
+        with pytest.raises(DeviceError, match="no valid reply in time"):
             daq.snapshot()
-        assert watch.s < 0.4 + SLACK_S
+        assert watch.s < 0.8 + SLACK_S
         found.call(lambda: delattr(found.device, "hears"))
         assert "torque" in daq.snapshot()
 

@@ -62,8 +62,9 @@ def served(what: DataqAcquisition, *, speed: float = 1.0, seed: int = 3) -> Iter
 
 @contextmanager
 def driver(what: DataqAcquisition, address: str, **changes: Any) -> Iterator[DataqDaq]:
-    """Open a driver at an address."""
-    daq = open_dataq(BENCH, what.model_copy(update={"address": address, **changes}))
+    """Open a driver at an address, patient as it may be."""
+    table = what.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
+    daq = open_dataq(BENCH, table)
     try:
         yield daq
     finally:

@@ -9,7 +9,6 @@ import pytest
 from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
 from faults.lines import faulty_serial
 from faults.mangler import Mangler, RawFraming
-from stopwatch import Stopwatch
 
 from hdbench.drivers.dataq.models import MODELS
 from hdbench.drivers.dataq.port import Commands, Port
@@ -17,7 +16,7 @@ from hdbench.errors import BusyError, DeviceError
 
 
 def keep_reading(daq, blocks):
-    until_s = time.monotonic() + 5.0
+    until_s = time.monotonic() + 60.0
     while time.monotonic() < until_s:
         block = daq.read_block()
         if block is not None:
@@ -116,10 +115,12 @@ def test_a_snapshot_reads_the_terminals_and_a_run_goes_on_after_it():
 
 def test_a_stream_that_a_dead_host_left_is_stopped_first():
     with served(table()) as found:
+        found.device.buffer_samples = 10**9  # it goes on however long nobody reads
         with driver(table(), found.address) as first:
             first.configure(settings(100_000))
             first.start()
-            time.sleep(0.1)
+            while first.read_block() is None:
+                pass
         assert found.device.scanning
         with driver(table(), found.address) as second:
             assert second.identity().model == "DI-2108"
@@ -163,10 +164,8 @@ def test_a_host_that_does_not_read_is_told_of_the_overflow():
     with served(table()) as found, driver(table(), found.address) as daq:
         daq.configure(settings(100_000))
         daq.start()
-        # longer than the instrument's 1024 samples, five words of which make a scan
-        tick, until_s = found.device.tick, time.monotonic() + 0.4
-        held = lambda *, blocked: tick(blocked=blocked or time.monotonic() < until_s)  # noqa: E731
-        found.call(lambda: setattr(found.device, "tick", held))
+        tick = found.device.tick
+        found.call(lambda: setattr(found.device, "tick", lambda *, blocked: tick(blocked=True)))
         with pytest.raises(DeviceError, match="buffer ran over after"):
             keep_reading(daq, [])
 
@@ -180,18 +179,21 @@ def test_spoilt_echoes_never_pass_for_a_setting(kind):
         mangler = Mangler(kind, RawFraming(), share=0.3, seed=5)
         path = found.address.removeprefix("serial://")
         with faulty_serial(path, mangler) as near:
-            commands = Commands(Port(near), deadline_s=0.3)
+            port, asked_s, untils_s = Port(near), [], []
+            receive = port.receive
+            port.receive = lambda until_s: untils_s.append(until_s) or receive(until_s)
+            clock = lambda: asked_s.append(time.monotonic()) or asked_s[-1]  # noqa: E731
+            commands = Commands(port, deadline_s=0.3, clock=clock)
             refused = 0
             for value in range(1000, 1015):
-                watch = Stopwatch()
+                asked_s.clear()
                 try:
                     commands.set(f"srate {value}")
                 except DeviceError:
                     refused += 1
                 else:
                     assert found.device._numbers["srate"] == value
-                # a fifth more than the deadline: this machine has other work
-                assert watch.s < 0.36
+                assert max(untils_s) <= asked_s[0] + 0.3
             commands.close()
         assert mangler.changed >= 3
         assert refused < 8
@@ -209,11 +211,11 @@ def test_a_port_that_is_not_there_is_told():
 def test_an_instrument_that_is_unplugged_ends_the_run():
     master, slave = os.openpty()
     port = Port(os.ttyname(slave))
-    port.send(b"x", time.monotonic() + 1.0)
+    port.send(b"x", time.monotonic() + 60.0)
     os.close(slave)
     os.close(master)
     with pytest.raises(DeviceError, match=r"port failed|unplugged"):
-        port.receive(time.monotonic() + 1.0)
+        port.receive(time.monotonic() + 60.0)
     port.close()
 
 

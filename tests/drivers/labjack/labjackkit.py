@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from faults.lines import in_thread
-from served import InThread, read_all
+from served import InThread
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.driver import open_daq
-from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.instrument import DeviceClock, ElectricalSamples, SimulatedInstrument
 from hdbench.devices.emulator.serving import EmulatorSettings
 from hdbench.devices.wire import parse_address
 from hdbench.drivers.labjack.driver import LabJackDaq
@@ -24,10 +24,18 @@ from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 
-__all__ = ["PROFILE", "Served", "driver", "read_all", "served", "settings", "table_for", "values"]
-
 PROFILE = load_profile("labjack-t7").data
 ROLES = ("torque", "tacho", "current", "reference", "encoder")
+
+
+@dataclass
+class HandClock:
+    """The clock of a device's watchdog: it goes when told, so that no busy machine trips it."""
+
+    now_s: float = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
 
 
 @dataclass
@@ -39,6 +47,7 @@ class Served(InThread):
     host: str
     port: int
     events: list[dict[str, object]]
+    watchdog_clock: HandClock
 
     @property
     def device(self) -> LabJackDevice:
@@ -56,15 +65,17 @@ def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[
         record=lambda event: events.append(dict(event)),
     )
     wiring = Wiring(instrument, table or PROFILE.daq, current_v_per_v=1.0, seed=seed)
-    server = EmulatedLabJack(LabJackDevice(wiring, seed))
+    clock = HandClock()
+    server = EmulatedLabJack(LabJackDevice(wiring, seed, clock=clock))
     with in_thread(lambda: server.open(EmulatorSettings()), server.close) as (loop, found):
         address = parse_address(str(found["address"]))
-        yield Served(loop, server, instrument, address.host, address.port, events)
+        yield Served(loop, server, instrument, address.host, address.port, events, clock)
 
 
 def table_for(port: int, **changes: Any) -> Any:
-    """Return the profile's table with the address of a served device."""
-    return PROFILE.daq.model_copy(update={"address": f"tcp://127.0.0.1:{port}", **changes})
+    """Return the profile's table with the address of a served device, patient as it may be."""
+    address = f"tcp://127.0.0.1:{port}"
+    return PROFILE.daq.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
 
 
 @contextmanager
@@ -85,3 +96,40 @@ def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = RO
 def values(blocks: list[ScanBlock]) -> np.ndarray:
     """Return all scans of adjacent blocks."""
     return np.concatenate([block.values for block in blocks])
+
+
+def turning(daq: LabJackDaq, n_samples: int, reference_v: float) -> None:
+    """Start an acquisition with the watchdog armed and the motor on."""
+    daq.configure(settings(n_samples))
+    daq.start()
+    daq.arm_watchdog(1.0)
+    daq.enable(on=True)
+    daq.write_output("reference", reference_v)
+
+
+def noted_writes(device: Served) -> list[int]:
+    """Return the list in which the device notes the address of every write from now on."""
+    addresses: list[int] = []
+    write = device.device.memory.write
+
+    def noting(space: str, address: int, raw: bytes) -> None:
+        addresses.append(address)
+        write(space, address, raw)
+
+    device.device.memory.write = noting
+    return addresses
+
+
+def noted_samples(device: Served) -> list[ElectricalSamples]:
+    """Return the list in which the device notes what it samples while it streams."""
+    taken: list[ElectricalSamples] = []
+    take = device.instrument.take
+
+    def noting(count: int) -> ElectricalSamples:
+        samples = take(count)
+        if device.instrument.sampling:
+            taken.append(samples)
+        return samples
+
+    device.instrument.take = noting
+    return taken

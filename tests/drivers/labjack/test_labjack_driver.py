@@ -6,9 +6,17 @@ import time
 
 import numpy as np
 import pytest
-from labjackkit import PROFILE, driver, read_all, served, settings, values
-from served import swap_words
-from stopwatch import Stopwatch
+from labjackkit import (
+    PROFILE,
+    driver,
+    noted_samples,
+    noted_writes,
+    served,
+    settings,
+    turning,
+    values,
+)
+from served import read_all, swap_words
 
 from hdbench.drivers.labjack.driver import labjack_rate_hz
 from hdbench.drivers.labjack.emulator import streaming
@@ -44,16 +52,7 @@ def test_every_sample_asked_for_comes_once_and_in_order():
 def test_volts_are_those_at_the_terminals_by_the_devices_own_constants():
     # the same bench read out directly: what stands at the terminals, to a step of the converter
     with served(speed=4.0, seed=5) as device:
-        taken = []
-        take = device.instrument.take
-
-        def tee(count):
-            samples = take(count)
-            if device.instrument.sampling:
-                taken.append(samples)
-            return samples
-
-        device.instrument.take = tee
+        taken = noted_samples(device)
         with driver(device.port) as daq:
             daq.claim()
             read = values(_run(daq, 400))
@@ -73,11 +72,8 @@ def test_the_encoder_is_exact_over_32_bits_and_both_words_belong_together():
         # a counter just below a turn of its low word, zero, and the end of its 32 bits
         for start in (65_000, -600, 2**31 - 600):
             device.call(lambda s=start: setattr(device.instrument, "_count_offset", s))
-            daq.configure(settings(600))
-            daq.start()
-            daq.arm_watchdog(1.0)
-            daq.enable(on=True)
-            daq.write_output("reference", 4.0)
+            # 1 s of this computer's time, so that the motion begins well before their end
+            turning(daq, 4000, 4.0)
             counts = values(read_all(daq))[:, 4]
             assert counts[0] == start
             steps = (np.diff(counts) + 2**31) % 2**32 - 2**31
@@ -126,21 +122,15 @@ def test_the_watchdog_settings_are_those_that_a_silent_host_needs():
 def test_a_stream_reader_alone_does_not_keep_the_motor_alive():
     with served() as device, driver(device.port) as daq:
         daq.claim()
-        daq.configure(settings(4000))
-        daq.start()
-        daq.arm_watchdog(1.0)
-        daq.enable(on=True)
-        daq.write_output("reference", 1.0)
-        start_s = time.monotonic()
-        tripped_s = None
-        while tripped_s is None and time.monotonic() - start_s < 3.0:
-            block = daq.read_block()
-            daq.watchdog()
-            if block is not None and block.watchdog_tripped:
-                tripped_s = time.monotonic() - start_s
-        assert tripped_s is not None
-        # one second of silence, a packet of 20 ms, and what a busy machine adds
-        assert 0.9 < tripped_s < 1.6
+        turning(daq, 4000, 1.0)
+        for now_s, trips in ((0.5, 0), (0.99, 0), (1.01, 1)):
+            device.watchdog_clock.now_s = now_s
+            block = None
+            for _ in range(10):
+                daq.watchdog()
+                block = daq.read_block() or block
+            assert device.device.watchdog.trips == trips
+        assert block.watchdog_tripped
         assert not device.instrument.enabled
         assert daq.watchdog().tripped
         daq.clear_watchdog()
@@ -154,7 +144,7 @@ def test_feeding_keeps_the_motor_alive_and_tells_a_trip():
         daq.arm_watchdog(1.0)
         daq.enable(on=True)
         for _ in range(8):
-            time.sleep(0.2)
+            device.watchdog_clock.now_s += 0.9
             daq.feed_watchdog()
         assert device.instrument.enabled
         assert not daq.watchdog().tripped
@@ -288,16 +278,12 @@ def test_the_actual_period_is_the_devices_and_a_rate_it_cannot_keep_is_refused()
 def test_the_safe_state_stops_a_turning_motor_and_proves_it():
     with served() as device, driver(device.port) as daq:
         daq.claim()
-        daq.configure(settings(60_000))
-        daq.start()
-        daq.arm_watchdog(1.0)
-        daq.enable(on=True)
-        daq.write_output("reference", 2.0)
-        time.sleep(0.4)
-        assert device.instrument.velocity_rad_s > 100.0
-        watch = Stopwatch()
+        turning(daq, 60_000, 2.0)
+        until_s = time.monotonic() + 60.0
+        while device.instrument.velocity_rad_s < 100.0:
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
         safe = daq.safe_state()
-        assert watch.s < 2.0
         assert safe.confirmed
         assert abs(safe.reference_v) < 0.01
         assert abs(safe.velocity_rad_s) < 0.5
@@ -354,15 +340,8 @@ def test_the_plan_is_told_what_the_device_sustains():
 
 def test_only_registers_of_the_driver_are_ever_written():
     allowed = {0, 2, 4990}
-    seen: set[int] = set()
     with served(speed=4.0) as device:
-        write = device.device.memory.write
-
-        def spy(space: str, address: int, raw: bytes) -> None:
-            seen.add(address)
-            write(space, address, raw)
-
-        device.device.memory.write = spy
+        writes = noted_writes(device)
         with driver(device.port) as daq:
             daq.claim()
             _run(daq, 100)
@@ -371,6 +350,7 @@ def test_only_registers_of_the_driver_are_ever_written():
             daq.write_output("reference", 0.5)
             daq.feed_watchdog()
             daq.safe_state()
+    seen = set(writes)
     stream = set(range(4002, 4030)) | set(range(4100, 4356)) | {4990}
     watchdog = set(range(61600, 61654))
     inputs = set(range(40000, 40500)) | set(range(41000, 41250)) | set(range(44000, 44200))
@@ -389,11 +369,7 @@ def test_a_t4_measures_the_same_bench_with_its_twelve_bits():
     with served(speed=4.0, table=table) as device, driver(device.port, **changes) as daq:
         assert daq.identity().model == "T4"
         daq.claim()
-        daq.arm_watchdog(1.0)
-        daq.configure(settings(600))
-        daq.start()
-        daq.enable(on=True)
-        daq.write_output("reference", 2.0)
+        turning(daq, 4000, 2.0)
         read = values(read_all(daq))
         # 16 steps of 0.324 mV are one of the converter's
         assert np.max(read[:, 3]) == pytest.approx(2.0, abs=0.5 * 16 * 3.3e-4)

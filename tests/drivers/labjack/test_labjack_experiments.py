@@ -10,7 +10,7 @@ from hdbench.profile.schema import ReferenceWave
 from hdbench.session import BenchOptions, run_experiment
 
 WAVE = ReferenceWave(
-    wave="trapezoid", amplitude_v=2.773, frequency_hz=0.125, duty=0.8, rise=0.1, fall=0.1
+    wave="trapezoid", amplitude_v=2.773, frequency_hz=0.25, duty=0.8, rise=0.1, fall=0.1
 )
 
 
@@ -20,6 +20,7 @@ def shortened(name: str):
     data = profile.data
     calibration = {
         "positions": 1,
+        "directions": ("cw",),
         "ranges": ("full",),
         "full_masses_kg": (0.0, 4.0, 8.0),
         "average_s": 0.5,
@@ -28,7 +29,7 @@ def shortened(name: str):
         update={
             "calibration": data.calibration.model_copy(update=calibration),
             "misalignment": data.misalignment.model_copy(update={"velocity_rad_s": 250.0}),
-            "ripple": data.ripple.model_copy(update={"duration_s": 8.0, "reference": WAVE}),
+            "ripple": data.ripple.model_copy(update={"duration_s": 4.0, "reference": WAVE}),
         }
     )
     return replace(profile, data=shorter)

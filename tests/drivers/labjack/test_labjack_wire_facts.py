@@ -112,7 +112,7 @@ def test_function_76_is_what_labjack_describes():
 
 def test_another_librarys_client_reads_and_writes_the_emulated_device():
     with served(seed=41) as device:
-        client = ModbusTcpClient(device.host, port=device.port, timeout=2, retries=0)
+        client = ModbusTcpClient(device.host, port=device.port, timeout=60, retries=0)
         assert client.connect()
         test = client.read_holding_registers(55100, count=2, device_id=1)
         assert test.registers == [0x0011, 0x2233]
@@ -144,7 +144,7 @@ def _received(stream: socket.socket, size: int) -> bytes:
 
 def test_a_reader_written_from_labjacks_description_understands_the_stream():
     with served() as device:
-        client = ModbusTcpClient(device.host, port=device.port, timeout=2, retries=0)
+        client = ModbusTcpClient(device.host, port=device.port, timeout=60, retries=0)
         client.connect()
 
         def write(address: int, *values: tuple[str, float]) -> None:
@@ -157,7 +157,7 @@ def test_a_reader_written_from_labjacks_description_understands_the_stream():
         write(4016, ("I", 1), ("I", 0), ("I", 0))
         write(4100, ("I", 6), ("I", 61520), ("I", 4899))
         write(30004, ("f", 1.25))
-        with socket.create_connection((device.host, device.port + 200), timeout=5) as stream:
+        with socket.create_connection((device.host, device.port + 200), timeout=60) as stream:
             time.sleep(0.05)
             write(4990, ("I", 1))
             scans = []

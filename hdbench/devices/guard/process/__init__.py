@@ -8,8 +8,7 @@ First line on standard input: a port of this computer and a secret word, with wh
 session there. First line from the session: the order, as JSON. Then single letters: ``A`` watch
 closely, ``L`` watch with more patience, ``I`` watch for the end only, ``.`` a sign of life, ``Q``
 the safe state was confirmed: leave. It answers every read with ``.``, and with a line ``R...``
-ready, ``E...`` the device does not answer, ``F...`` it has stopped the motor, ``U...`` it could not
-confirm that.
+ready, ``E...`` the device does not answer, ``F...`` it stops the motor now, and why.
 
 Of hdbench it loads the wire and the room of the operating system alone, which need nothing but the
 standard library and pyserial: it starts in a few hundredths of a second, takes some ten megabytes,

@@ -151,6 +151,8 @@ class Watcher:
     def fire(self, why: str) -> None:
         """Stop the motor; do not give up before the order's time is over."""
         self._fired = True
+        # first the reason: what is stopped fails in the session's hands a moment later
+        self._tell(f"F{why}\n")
         start_s = time.monotonic()
         said_s = -SAY_S
         problem = self._stopped()
@@ -170,7 +172,6 @@ class Watcher:
             say(f"PRESS THE EMERGENCY STOP: the guard could not stop the motor ({problem})")
         else:
             say(f"{why}; the guard has stopped the motor within {took_s:.2f} s, confirmed")
-        self._tell(f"{'U' if problem else 'F'}{why}{': ' if problem else ''}{problem}\n")
 
     def _stopped(self) -> str:
         """Try once; return why the motor is not known to stand. Nothing ends the trying."""

@@ -18,24 +18,23 @@ from hdbench.errors import DataError
 from hdbench.importing.cells import is_number, stamp_seconds, uses_decimal_comma
 from hdbench.importing.layout import (
     SEARCHED_LINES,
-    Logger,
+    ForeignFormat,
     TableLayout,
     is_comment,
-    is_time_name,
     is_time_or_date,
     split,
     text_layout,
 )
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     damaged,
+    piece_rows,
     text_cells,
     told_apart,
 )
-from hdbench.importing.units import stated_unit
+from hdbench.importing.units import is_time_name, stated_unit
 from hdbench.records.tables import data_error
 from hdbench.records.tables.csvtext import parse_numbers
 from hdbench.records.trace import FloatArray
@@ -46,30 +45,8 @@ _LONGEST_LINE = 1 << 20
 _LIMIT_RATIO, _SMALL_BYTES = 300, 16 << 20
 # bytes that are converted at a time
 _CHUNK_BYTES = 1 << 23
-_Rows = Callable[[int], Iterator[tuple[int, list[str]]]]
-
-
-@dataclass(frozen=True, slots=True)
-class ForeignFormat:
-    """How a text file is laid out.
-
-    Parameters
-    ----------
-    delimiter : str or None
-        Character between columns; None finds it.
-    header : bool
-        Whether rows of names may stand above the data.
-    skip : int
-        Lines that are passed over before the table is looked for.
-    logger : str or None
-        Data logger that wrote the file, or ``auto``: a column of time has to be there, and units
-        that are stated are turned into ours.
-    """
-
-    delimiter: str | None = None
-    header: bool = True
-    skip: int = 0
-    logger: Logger | None = None
+_Rows = Callable[[int], Iterator[tuple[int, list[Any]]]]
+_NUMBERS = frozenset((float, int, type(None)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +93,7 @@ class CellsSource(Source):
         stamps: list[str] = []
         for table in tables:
             layout = table.layout
-            first = [row for _, row in _first(table.rows(0))]
+            first = [[*map(self.text, row)] for _, row in _first(table.rows(0))]
             probes += first
             for k in range(layout.width):
                 name = layout.names[k] if layout.names else str(k + 1)
@@ -153,14 +130,31 @@ class CellsSource(Source):
                     for name, k in columns.items()
                 }
                 done += len(values[0])
-        kept: list[list[str]] = []
+        kept: list[list[Any]] = []
+        # a cell of text takes as much memory as eight numbers
+        most = piece_rows(8 * table.layout.width)
         for _, row in table.rows(done):
             kept.append(row)
-            if len(kept) == PIECE_ROWS:
-                yield _piece(kept, columns)
+            if len(kept) == most:
+                yield self._piece(kept, columns)
                 kept = []
         if kept:
-            yield _piece(kept, columns)
+            yield self._piece(kept, columns)
+
+    def _piece(self, rows: Sequence[Sequence[Any]], columns: dict[str, int]) -> Piece:
+        piece: dict[str, NDArray[Any]] = {}
+        for name, k in columns.items():
+            cells = [row[k] for row in rows]
+            if name in self.rounded and _NUMBERS.issuperset(map(type, cells)):
+                piece[name] = np.array(cells, dtype=np.float64)
+            else:
+                piece[name] = text_cells([*map(self.text, cells)])
+        return piece
+
+    @staticmethod
+    def text(cell: Any) -> str:
+        """Return a cell as text."""
+        return str(cell)
 
     def place(self, row: int) -> str:
         """Return the line of a row."""
@@ -169,17 +163,13 @@ class CellsSource(Source):
         return f"{self.path}:{line}"
 
 
-def _first(rows: Iterator[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+def _first(rows: Iterator[tuple[int, list[Any]]]) -> list[tuple[int, list[Any]]]:
     return [row for row, _ in zip(rows, range(SEARCHED_LINES), strict=False)]
 
 
 def _column(text: bytes, delimiter: str, k: int) -> NDArray[Any]:
     rows = (line.split(delimiter, k + 1) for line in text.decode("ascii").split("\n"))
     return text_cells([cells[k] if k < len(cells) else "" for cells in rows])
-
-
-def _piece(rows: Sequence[Sequence[str]], columns: dict[str, int]) -> Piece:
-    return {name: text_cells([row[k] for row in rows]) for name, k in columns.items()}
 
 
 def _opened(raw: IO[bytes]) -> Any:
@@ -248,8 +238,9 @@ def _lines(path: Path, skip: int) -> Iterator[str]:
         raise damaged(path, "gzip file", str(error)) from error
 
 
-def open_text(path: Path, layout: ForeignFormat) -> CellsSource:
+def open_file(path: Path, layout: ForeignFormat | None) -> CellsSource:
     """Open a table of text."""
+    layout = layout or ForeignFormat()
     head = [line for line, _ in zip(_lines(path, layout.skip), range(SEARCHED_LINES), strict=False)]
     found = text_layout(head, layout.delimiter, named=layout.header)
     if found is None:
