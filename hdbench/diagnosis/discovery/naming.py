@@ -14,13 +14,10 @@ from hdbench.diagnosis.discovery.refine import Candidate, candidate_of, refined,
 from hdbench.diagnosis.discovery.search import Search, all_possible, settled, value_of
 from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import is_line, same_torque
+from hdbench.diagnosis.evidence import RIVAL_NATS, SAME_SPACE
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-# names within this of the best one are its rivals: odds of 20 to 1 (contract)
-RIVAL_NATS = 3.0
-# names whose effects span the same space (contract)
-SAME_SPACE = 0.01
 # names that are weighed against a cause
 _NAMES = 7
 # names that are fitted with their form errors against a strong cause

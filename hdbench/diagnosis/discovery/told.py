@@ -10,6 +10,7 @@ import numpy as np
 from hdbench.diagnosis.answer.result import Spectrum
 from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
+from hdbench.diagnosis.discovery.form import USUAL, usual_scale
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
 from hdbench.diagnosis.discovery.lines import scan_power
 from hdbench.diagnosis.discovery.moments import solve
@@ -118,7 +119,7 @@ def tell(
             places.append(place_of(fit, index, shares[index], chance))
             continue
         without = held.predict(names - {index})
-        if without.chi2 <= with_names.chi2 or without.rms_nm <= with_names.rms_nm:
+        if without.chi2 <= with_names.chi2:
             search.log.append(f"{term.name} predicts nothing")
             continue
         gain = gain_between(without, with_names, rng)
@@ -271,6 +272,10 @@ def covariances(fit: Fit) -> dict[int, FloatArray]:
         at = np.concatenate([flat, slope]).astype(int)
         scale = np.concatenate([part.scale, tangent_scale[slope - len(active)]])
         own = inverse[np.ix_(at, at)] / np.outer(scale, scale)
+        if min(part.form_scale, usual_scale(part)) > 0.0:
+            # a law that is off by a share in its form is no better known in size
+            error = USUAL * fit.linear(index)
+            own[: len(error), : len(error)] += np.outer(error, error)
         found[index] = _whole_shape(part.term, own, len(flat))
     return found
 
