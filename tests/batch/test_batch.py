@@ -148,7 +148,7 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
 def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path, tmp_path: Path):
     # so long that the batch is not done when the signal arrives
     for seed in range(3, 6):
-        record(traces / f"drive-{seed}.csv", seed, 60)
+        record(traces / f"drive-{seed}.csv", seed, 25)
     out = tmp_path / "out"
     words = ["run-ripple", str(traces), "--workers", "1", "--out", str(out)]
     running = subprocess.Popen(

@@ -119,7 +119,7 @@ def tell(
             places.append(place_of(fit, index, shares[index], chance))
             continue
         without = held.predict(names - {index})
-        if without.chi2 <= with_names.chi2:
+        if without.chi2 <= with_names.chi2 or without.rms_nm <= with_names.rms_nm:
             search.log.append(f"{term.name} predicts nothing")
             continue
         gain = gain_between(without, with_names, rng)
