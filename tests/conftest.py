@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +25,12 @@ settings.load_profile("suite")
 
 # programs that tests start write as they do at a user's terminal
 os.environ.pop("PYTHONUNBUFFERED", None)
+
+
+@pytest.fixture(autouse=True)
+def _hears_ctrl_c() -> None:
+    """Undo what a command leaves that ran in this process: its Ctrl-C is ignored, and inherited."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_xdist_auto_num_workers() -> int:
