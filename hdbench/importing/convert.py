@@ -28,10 +28,10 @@ UNSTATED = "the file states no unit"
 _ORDER = 4
 # the derivative is filtered on an even grid; times that differ less from it are even enough
 _EVEN_SHARE = 0.01
-# a velocity and the rate of an angle that scatter more about their ratio are not one motion
-_LEAST_PAIRS, _ALIKE_SHARE = 20, 0.2
-# of one shaft and in one unit they are nearer than this
-_ONE = (0.9, 1.1)
+# ratios of a velocity to the rate of an angle: of fewer, or where the middle half scatters more,
+# nothing can be told; of one shaft in one unit the median is nearer to 1, for other units and
+# gears are off by far more
+_LEAST_PAIRS, _MOST_SCATTER, _ALIKE = 20, 0.2, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -409,11 +409,12 @@ def zero_phase_velocity(
     return velocity, told
 
 
-def pace_ratio(time: FloatArray, angle: FloatArray, velocity: FloatArray) -> float | None:
-    """Return how many times the rate of an angle a velocity is; None where that cannot be told.
+def unlike_pace(time: FloatArray, angle: FloatArray, velocity: FloatArray) -> float | None:
+    """Return how many times the rate of an angle a velocity is; None where it may be that rate.
 
-    It is 1 in the same unit on the same side of a gear, and less than 0 in the other direction.
-    Only the faster half is looked at, and its middle: jumps of a wrapped angle do not count.
+    It is another unit, another side of a gear or, below 0, another direction. None also where
+    nothing can be told. Only the faster half is looked at, and its middle: jumps of a wrapped
+    angle do not count.
     """
     steps = time[2:] - time[:-2]
     pace = np.divide(angle[2:] - angle[:-2], steps, out=np.zeros_like(steps), where=steps > 0.0)
@@ -424,9 +425,5 @@ def pace_ratio(time: FloatArray, angle: FloatArray, velocity: FloatArray) -> flo
     pace, middle = pace[there], middle[there]
     fast = np.abs(middle) >= np.median(np.abs(middle))
     low, ratio, high = np.quantile(middle[fast] / pace[fast], (0.25, 0.5, 0.75))
-    return float(ratio) if high - low < _ALIKE_SHARE * abs(ratio) else None
-
-
-def is_alike(ratio: float) -> bool:
-    """Return whether a ratio of `pace_ratio` is that of one shaft in one unit."""
-    return _ONE[0] < ratio < _ONE[1]
+    is_told = high - low < _MOST_SCATTER * abs(ratio)
+    return float(ratio) if is_told and not abs(ratio - 1.0) < _ALIKE else None

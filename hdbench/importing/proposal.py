@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hdbench.importing.convert import is_alike, pace_ratio
+from hdbench.importing.convert import unlike_pace
 from hdbench.importing.listing import ChannelFacts
 from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
@@ -286,8 +286,8 @@ def _disagreement(best: Mapping[str, _Best], time: ChannelFacts, unit: str) -> s
         facts.numbers * float(unit_scale(facts.channel.unit, target_unit(target)) or 1)
         for facts, target in zip((angle, velocity), _TURNING, strict=True)
     ]
-    ratios = [pace_ratio(time.numbers * scale, *turned) for scale in scales]
-    if any(ratio is None or is_alike(ratio) for ratio in ratios):
+    ratios = [unlike_pace(time.numbers * scale, *turned) for scale in scales]
+    if None in ratios:
         return ""
     told = f"{ratios[0]:.4g} times" if unit else "in no unit of time"
     return f"the velocity is {told} the rate of the angle"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.convert import Conversion, Derived, derived_columns, is_alike, pace_ratio
+from hdbench.importing.convert import Conversion, Derived, derived_columns, unlike_pace
 from hdbench.importing.source import Column, Source, listed
 from hdbench.records.trace import FloatArray, Trace
 
@@ -359,8 +359,8 @@ def _doubts(columns: Mapping[str, FloatArray]) -> Iterator[str]:
     yield f"{time[-1] - time[0]:.6g} s at {_rate(time):.5g} Hz"
     if not {"motor_angle_rad", "motor_velocity_rad_s"} <= columns.keys():
         return
-    ratio = pace_ratio(time, columns["motor_angle_rad"], columns["motor_velocity_rad_s"])
-    if ratio is not None and not is_alike(ratio):
+    ratio = unlike_pace(time, columns["motor_angle_rad"], columns["motor_velocity_rad_s"])
+    if ratio is not None:
         yield (
             f"doubtful: motor_velocity_rad_s is {ratio:.4g} times the rate of motor_angle_rad: "
             "one of them has another unit, side of the gear or sign"

@@ -344,13 +344,10 @@ class GuardedBench(HostedBench):
         """Return the next block; every call that comes back is a sign of life."""
         try:
             block = super().read_block()
-        except DeviceError as error:
+        except DeviceError:
             if self.guard is not None:
-                try:
-                    self.guard.check()
-                except DeviceError as cause:
-                    # what the device refuses may be the guard's doing
-                    raise cause from error
+                # what the device refuses may be the guard's doing: then this raises
+                self.guard.check()
             raise
         if self.guard is not None:
             self.guard.beat()

@@ -27,7 +27,7 @@ from hdbench.diagnosis.inspection.result import (
     Sampling,
 )
 from hdbench.estimation.bandwidth import Spectrum, spectrum_of
-from hdbench.importing.convert import is_alike, pace_ratio
+from hdbench.importing.convert import unlike_pace
 from hdbench.importing.units import unit_scale
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
@@ -310,8 +310,8 @@ def _of_units(log: Log) -> Iterator[Finding]:
         log.channels[name] * float(unit_scale(log.units.get(name, ""), unit) or 1)
         for name, unit in zip(names, ("rad", "rad/s"), strict=True)
     )
-    ratio = pace_ratio(log.time_s, angle, velocity)
-    if ratio is not None and not is_alike(ratio):
+    ratio = unlike_pace(log.time_s, angle, velocity)
+    if ratio is not None:
         yield _finding("units-disagree", names[1], f"{ratio:.4g} times the rate of {names[0]}")
 
 
