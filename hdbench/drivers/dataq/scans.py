@@ -25,11 +25,13 @@ WRAP = 2**32
 class SignedCounter:
     """Turns a counter's edges into a position.
 
-    position(k) = position(k - 1) + sign(tacho(k - 1) + tacho(k)) * edges(k) * counts_per_edge:
-    edges(k) came since sample k - 1, modulo 2**16: the sum has the sign of the larger part of the
-    way where the motor turns round between two samples. An edge of the smaller part gets the wrong
-    sign, and the position is off by two edges until another one makes up for it. The position is
-    in the middle of what an edge leaves open, half of `counts_per_edge`.
+    position(k) = position(k - 1) + sign(tacho(k - 1) + tacho(k)) * edges(k) * counts_per_edge
+
+    Here edges(k) is the number of edges since sample k - 1, modulo 2**16. Where the motor turns
+    round between two samples, the sum of the tacho's readings has the sign of the larger part of
+    the way. An edge of the smaller part gets the wrong sign, and the position is off by two edges
+    until another one makes up for it. The position is in the middle of what an edge leaves open,
+    half of `counts_per_edge`.
     """
 
     def __init__(self, counts_per_edge: int) -> None:
