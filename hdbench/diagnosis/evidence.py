@@ -12,6 +12,8 @@ from hdbench.records.trace import FloatArray
 RIVAL_NATS = 3.0
 # contract: sine squared of the largest angle below which names span the same space
 SAME_SPACE = 0.01
+# values beyond its parameters that noise needs before anything is held against its scatter
+LEAST_DOF = 3
 # of columns of length 1, what is below this share of the largest is rounding
 RANK = 1e-9
 
@@ -65,9 +67,8 @@ def marginal_nats(
 ) -> tuple[float, float]:
     """Return the log likelihood of a residual of white noise and form error, and the noise.
 
-    `left` is the residual of all free columns; `forms`, less these columns, has directions of form
-    error, each as long as its standard deviation. `dof` degrees of freedom are compared; the noise
-    has a variance of `floor` or more, and the one that is likeliest.
+    `forms`, less all free columns, has directions of form error, each as long as its standard
+    deviation; of `dof` degrees of freedom the noise has the likeliest variance of `floor` or more.
     """
     total = float(left @ left)
     if not forms.shape[1]:

@@ -7,18 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from hdbench.diagnosis.answer.result import Diagnosis, data_bad
-from hdbench.diagnosis.evidence import check_rates
+from hdbench.diagnosis.evidence import LEAST_DOF, check_rates
 from hdbench.diagnosis.loads.answer import LoadAnswer
 from hdbench.diagnosis.loads.fit import fit_loads
 from hdbench.diagnosis.loads.forms import Term, form_named, load_forms, outliers, places
-from hdbench.diagnosis.loads.gains import LEAST_DOF, find_scatter, name_between
+from hdbench.diagnosis.loads.gains import find_scatter, name_between
 from hdbench.diagnosis.loads.search import Search, uneven_scatter
-from hdbench.diagnosis.loads.table import (
-    LoadTable,
-    base_columns,
-    left_out,
-    load_table,
-)
+from hdbench.diagnosis.loads.table import LoadTable, base_columns, left_out, load_table
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, cause_named
 from hdbench.profile import Profile
@@ -27,7 +22,7 @@ from hdbench.records import Loads
 # the null is drawn over all readings at once: these take a minute and half a gigabyte
 _MOST_READINGS = 2000
 # shares of the false-alarm rate: names, places without a name, scatter that changes
-_NAMES, _PLACES, _UNEVEN = 0.7, 0.15, 0.15
+_SHARES = (0.7, 0.15, 0.15)
 
 
 def diagnose_loads(
@@ -46,19 +41,8 @@ def diagnose_loads(
     ----------
     loads : Loads
         Static readings.
-    profile : Profile
-        Bench.
-    model : BenchModel or None
-        Model to hold against the readings; the profile's where None. Its causes that readings can
-        show are fitted, not reported.
-    alpha : float
-        Probability of any finding on readings without an effect, in (0, 1).
-    materiality : float
-        Smallest share of the baseline's residual variance of a cause that counts, in [0, 1).
-    seed : int
-        Seed of the draws of the null and the bootstrap: the same input gives the same result.
-    progress : callable or None
-        Called with what is being done and the share done in [0, 1].
+    profile, model, alpha, materiality, seed, progress : as by `diagnose_trace`
+        Of the model's causes those that readings can show are fitted.
 
     Returns
     -------
@@ -88,11 +72,12 @@ def diagnose_loads(
     if reason:
         return data_bad(given, (), flags, settings, reason, left_out(table, flags))
     known = _known_terms(given, table)
+    for_names, for_places, for_scatter = (share * alpha for share in _SHARES)
     base = base_columns(table)
     baseline = fit_loads(table, base, known, refine=False)
     names = load_forms(table, given.extra_causes)
     report("looking for causes", 0.1)
-    search = Search((*names, outliers(table)), _NAMES * alpha, len(known), rng)
+    search = Search((*names, outliers(table)), for_names, len(known), rng)
     fit, chances, looks = search.run(fit_loads(table, base, known))
     scatter = find_scatter(fit, profile.data.sensor.gain_consistency)
     if scatter is not None:
@@ -101,13 +86,13 @@ def diagnose_loads(
         fit, chances, looks = search.run(fit_loads(table, base, known))
     accepted = search.accepted(fit, chances)
     if scatter is not None:
-        fit, scatter, between = name_between(fit, names, scatter, _NAMES * alpha)
+        fit, scatter, between = name_between(fit, names, scatter, for_names)
         accepted += between
     report("looking for what has no name", 0.7)
-    rest = Search(places(table), _PLACES * alpha, len(fit.terms), rng)
+    rest = Search(places(table), for_places, len(fit.terms), rng)
     with_places, chances, _ = rest.run(fit)
     left = rest.accepted(with_places, chances)
-    uneven = uneven_scatter(with_places, baseline, _UNEVEN * alpha, rng)
+    uneven = uneven_scatter(with_places, baseline, for_scatter, rng)
     report("measuring the gain on held-out readings", 0.9)
     return LoadAnswer(
         profile.data, given, baseline, fit, with_places, accepted, left, scatter, uneven, looks,

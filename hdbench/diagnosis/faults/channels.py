@@ -30,20 +30,13 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import StretchFlag
 
-# samples below which a record shows nothing
-_FEWEST = 5
-
 
 def inspect_channels(
     trace: Trace, profile: ProfileData, model: BenchModel, *, alpha: float
 ) -> Inspected:
-    """Inspect every channel of a trace before anything is fitted.
-
-    Faults that the model holds are taken out and not found again; one that is less sure than the
-    false-alarm rate `alpha` is not named. `DataError` if the trace has no torque.
-    """
-    if len(trace) < _FEWEST:
-        reason = f"{len(trace)} samples; needed: at least {_FEWEST}"
+    """Return a trace with its channels inspected and the model's faults taken out, unfitted."""
+    if len(trace) < 5:
+        reason = f"{len(trace)} samples; needed: at least 5"
         return Inspected(trace, np.zeros(len(trace), dtype=bool), reason=reason)
     checked = check_channels(_finite(trace), profile)
     trace, reason = checked.trace, checked.reason or _at_rest(checked.trace, profile)
@@ -139,7 +132,7 @@ def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[
     if angle is not None:
         # a wrong angle is out for one move and back for the next; a slip stays out
         moves = np.nan_to_num(np.diff(angle, prepend=angle[:1]))
-        course = np.cumsum(moves - median_filter(moves, size=_FEWEST, mode="nearest"))
+        course = np.cumsum(moves - median_filter(moves, size=5, mode="nearest"))
         usual = float(np.quantile(np.abs(moves), 0.99))
         courses.append((ANGLES, angle, course, usual, "motor angle"))
     for names, channel, course, least, what in courses:

@@ -28,11 +28,9 @@ class Steps:
     levels: int
 
     def mean_error(self, predicted: FloatArray, level: float, noise: float) -> FloatArray:
-        """Return the mean reading less the true value.
-
-        ``q/pi sum_k (-1)^k / k exp(-2 (pi k s / q)^2) sin(2 pi k (m - m0) / q)`` of true values m,
-        any level m0 of the grid, and normal noise s ahead of the converter.
-        """
+        """Return the mean reading less the true value."""
+        # q/pi sum_k (-1)^k / k exp(-2 (pi k s / q)^2) sin(2 pi k (m - m0) / q) of true values m,
+        # any level m0 of the grid, and normal noise s ahead of the converter
         turn = 2.0 * np.pi * (predicted - level) / self.step
         out = np.zeros(len(predicted))
         for k in range(1, 30):
@@ -44,11 +42,7 @@ class Steps:
 def clipping(
     trace: Trace, profile: ProfileData, torque_nm: FloatArray
 ) -> tuple[NDArray[np.bool_], tuple[Fault, ...]]:
-    """Return samples at the end of the converter's range or piled up at an extreme value.
-
-    The evidence is that of so many samples at the limit where Poisson numbers as large as those of
-    the values next to it were to be expected.
-    """
+    """Return samples at the end of the converter's range or piled up at an extreme value."""
     clipped = np.zeros(len(torque_nm), dtype=bool)
     if "torque_v" in trace:
         step = 2.0 * profile.daq.range_v / 2**profile.daq.resolution_bits
@@ -61,6 +55,7 @@ def clipping(
     limits = np.unique(torque_nm[clipped])
     beside = counts[~np.isin(values, limits)]
     expected = float(max(1, *beside[:3], *beside[-3:]))
+    # Poisson numbers as large as at the values next to the limit were to be expected there
     seen = float(clipped.sum())
     nats = min(tail_nats(seen, expected), CERTAIN_NATS)
     parameters = {
@@ -74,15 +69,12 @@ def clipping(
 
 
 def piled_up(values: FloatArray, chance: float = CHANCE) -> list[tuple[float, int]]:
-    """Return the ends at which a channel piles up, and how many samples are there.
-
-    A limit holds five times the samples of each of the three values before it, where a sine has 2.4
-    times as many, and more than chance makes of them. A channel that does not change sits on few
-    values, and its outermost one is no limit.
-    """
+    """Return the ends at which a channel piles up, and how many samples are there."""
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     if len(levels) < 8:
         return []
+    # a limit holds five times the samples of each of the three values before it, where a sine has
+    # 2.4 times as many
     ends = ((0, counts[1:4]), (-1, counts[-4:-1]))
     return [
         (float(levels[end]), int(counts[end]))
@@ -93,11 +85,7 @@ def piled_up(values: FloatArray, chance: float = CHANCE) -> list[tuple[float, in
 
 
 def stuck_samples(torque_nm: FloatArray) -> NDArray[np.bool_]:
-    """Return samples in runs of twenty equal values that noise cannot make.
-
-    None of runs that the rate of equal neighbours around them makes by itself, as on a channel
-    whose steps are coarse against its noise.
-    """
+    """Return samples in runs of twenty equal values that its noise cannot make."""
     same = np.zeros(len(torque_nm), dtype=bool)
     if len(torque_nm) < STUCK:
         return same
@@ -124,11 +112,7 @@ def stuck_samples(torque_nm: FloatArray) -> NDArray[np.bool_]:
 
 
 def coarse_steps(values: FloatArray) -> Steps | None:
-    """Return the grid on which a channel's values lie; None where there is none, or too few values.
-
-    Levels are numbered from the middle outwards, and the step is their least squares' slope. A last
-    stage that rounds to a finer grid does not hide it.
-    """
+    """Return the grid on which a channel's values lie; None for none, or too few values."""
     present = values[np.isfinite(values)]
     levels = np.unique(present)
     # a grid is seen on four levels with three samples each
@@ -179,10 +163,7 @@ def quantisation(
     *,
     volts: bool,
 ) -> Fault | None:
-    """Return steps of the torque above its noise and its converter's as a fault.
-
-    `volts`: whether the torque is the converter's own reading times the gain.
-    """
+    """Return steps of the torque above its noise and its converter's as a fault."""
     steps = coarse_steps(torque_nm)
     converter = 2.0 * profile.daq.range_v / 2**profile.daq.resolution_bits
     finer = converter * profile.sensor.gain_nm_per_v if volts else 0.0

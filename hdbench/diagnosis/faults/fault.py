@@ -38,17 +38,14 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Inspected:
-    """A trace after its channels were inspected, named faults of angle, tacho and clock taken out.
-
-    `reason` says why nothing can be said, with the margin; it is empty where something can.
-    """
+    """A trace whose channels were inspected, without the named faults of angle, tacho and clock."""
 
     trace: Trace
     masked: NDArray[np.bool_]  # samples that take no part
     left_out: tuple[tuple[str, int], ...] = ()  # why samples take no part, and how many
     flags: tuple[StretchFlag, ...] = ()  # doubtful samples, those of the faults among them
     faults: tuple[Fault, ...] = ()
-    reason: str = ""
+    reason: str = ""  # why nothing can be said, with the margin
     derived: tuple[tuple[str, str], ...] = ()  # channels made of another one, and of which
 
 
@@ -62,11 +59,8 @@ def fault_over(
     masked: NDArray[np.bool_] | None = None,
     domain: str = "time",
 ) -> Fault:
-    """Return a fault of the samples at some times.
-
-    Evidence that is paid for is the log of a Bayes factor: chance reaches it with less than its
-    inverse.
-    """
+    """Return a fault of the samples at some times; its chance is that of its evidence by Bayes."""
+    # evidence that is paid for is the log of a Bayes factor: chance reaches it no more often
     chance = float(np.exp(-max(nats, 0.0)))
     span = (len(times_s), float(times_s[0]), float(times_s[-1]))
     return Fault(name, parameters, *span, nats, chance, shape or {}, masked=masked, domain=domain)

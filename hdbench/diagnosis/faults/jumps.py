@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d, minimum_filter1d
 
-from hdbench.diagnosis.evidence import RIVAL_NATS
+from hdbench.diagnosis.evidence import LEAST_DOF, RIVAL_NATS
 from hdbench.diagnosis.faults.fault import Fault, fault_over
 from hdbench.diagnosis.faults.scatter import ACCEPT_NATS, AROUND, least_sigmas, paid_nats
 from hdbench.diagnosis.faults.shaft import Shaft, disagreement
@@ -20,36 +20,28 @@ from hdbench.results.diagnosis import ParameterValue
 _SIDE = 14
 # jumps that are judged at most, the largest first
 _MOST = 8
-# whole motor turns on each side of a jump: enough for the scatter of the ripple's phase, few enough
-# for a bench that changes slowly; and the fewest that have a scatter
-_TURNS, _FEWEST = 40, 3
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """The angle moves against the velocity between samples `first` - 1 and `first`.
-
-    `name` and `group` say what it is taken for, `samples` how many lost ones turn by it.
-    """
+    """The angle moves against the velocity between samples `first` - 1 and `first`."""
 
     first: int
     angle_rad: float
     std_rad: float
-    name: str = ""
+    name: str = ""  # what it is taken for
     group: tuple[str, ...] = ()
-    samples: int = 0
+    samples: int = 0  # lost ones that turn by it
     samples_std: float = 0.0
 
 
 def find_jumps(
     shaft: Shaft, orders: tuple[float, ...], torque_nm: FloatArray, *, independent: bool
 ) -> tuple[Fault, ...]:
-    """Return the jumps that evidence names, in order of time.
+    """Return the jumps that evidence names, in order of time; torque that takes no part is NaN.
 
-    With a slip the torque's ripple goes on over the angle turned back; with lost samples it goes
-    on over the recorded angle, and the jump is a whole number of samples' turning. Two sensors
-    that disagree are evidence enough where the torque cannot tell; of two channels of one sensor
-    only the torque can. `torque_nm` is NaN where it takes no part.
+    After a slip the ripple goes on over the angle turned back, after lost samples over the recorded
+    one. Two sensors that disagree are evidence enough where the torque cannot tell.
     """
     jumps = sorted(_found(shaft), key=lambda jump: -abs(jump.angle_rad))[:_MOST]
     jumps.sort(key=lambda jump: jump.first)
@@ -68,6 +60,8 @@ def _judged(
     jump: Jump, shaft: Shaft, torque_nm: FloatArray, orders: FloatArray, independent: bool
 ) -> Jump:
     """Return the jump with the name that the evidence gives it, if any."""
+    # positive where the ripple keeps its phase over the angle turned back (a slip), negative where
+    # it does over the recorded angle (the shaft did turn)
     nats, able = _torque_nats(jump, shaft, torque_nm, orders)
     # of two sensors the torque has to agree where it is able to: where it could say six times what
     # tells names apart, its own scatter is small beside that
@@ -107,17 +101,7 @@ def _fault(jump: Jump, shaft: Shaft) -> Fault:
 def _torque_nats(
     jump: Jump, shaft: Shaft, torque_nm: FloatArray, orders: FloatArray
 ) -> tuple[float, float]:
-    """Return by how much the torque is likelier with the angle turned back than as it is, nats.
-
-    And what such a jump can make of it on this torque. It is positive where the ripple keeps its
-    phase over the angle turned back (a slip), negative where it keeps its phase over the recorded
-    angle (the shaft did turn).
-
-    Each whole turn of the motor gives one complex amplitude for each order. Their scatter about a
-    level and a slope over the velocity, which is what delays make, is the noise, whatever its
-    colour: ``sum over orders of (n - 2) ln(RSS as it is / RSS turned back)``. A turn in which the
-    torque does something else counts as little as its own fit is bad.
-    """
+    """Return how much likelier the torque is with the angle turned back, and at most, nats."""
     angle = shaft.angle_rad
     moves = np.abs(np.nan_to_num(np.diff(angle, prepend=angle[:1])))
     moves[jump.first] = 0.0
@@ -127,7 +111,9 @@ def _torque_nats(
     block = np.where(later, np.floor(turns), -1.0 - np.floor(-turns))
     block[~np.isfinite(torque_nm + angle)] = np.nan
     found, speeds, variances, after = [], [], [], []
-    for number in range(-_TURNS, _TURNS):
+    # whole turns on each side: enough for the scatter of the ripple's phase, few enough for a bench
+    # that changes slowly
+    for number in range(-40, 40):
         rows = np.flatnonzero(block == number)
         # ripple is read from four samples of a turn for each order
         if len(rows) < 4 * max(2, len(orders)):
@@ -144,8 +130,10 @@ def _torque_nats(
         variances.append(2.0 * float(left @ left) / len(rows) ** 2)
         after.append(number >= 0)
     count, late = len(found), np.array(after, dtype=bool)
-    if min(int(late.sum()), int((~late).sum())) < _FEWEST:
+    if min(int(late.sum()), int((~late).sum())) < LEAST_DOF:
         return 0.0, 0.0
+    # their scatter about a level and a slope over the velocity, which is what delays make, is the
+    # noise, whatever its colour; a turn with something else counts as little as its own fit is bad
     amplitudes, variance = np.array(found), np.array(variances)
     weights = 1.0 / np.sqrt(variance + float(np.median(variance)) + 1e-300)
     design = weights[:, None] * np.vander(np.array(speeds) / max(*np.abs(speeds), 1e-300), 2)
@@ -162,11 +150,7 @@ def _torque_nats(
 
 
 def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
-    """Return how many lost samples turn by a jump, how well that is known, and whether it fits.
-
-    None where the shaft went the other way. In between the speed follows the cubic that has speed
-    and acceleration of both sides; half of what the accelerations make of it is not known.
-    """
+    """Return how many lost samples turn by a jump, how well that is known, and if it fits."""
     at = np.arange(_SIDE)
     (gone, before), (gained, after) = (
         np.polyfit(at, shaft.velocity_rad_s[rows], 1).tolist()
@@ -174,6 +158,7 @@ def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
     )
     # samples that a loss may have
     number = np.arange(1, 5000 + 1)
+    # the cubic that has speed and acceleration of both sides; half of its bend is not known
     bends = -shaft.period_s * (gone + gained) * number**2 / 12.0
     turned = 0.5 * shaft.period_s * (before + after) * number + bends
     away = np.abs(jump.angle_rad - turned)
@@ -224,11 +209,8 @@ def _steps(left: FloatArray) -> FloatArray:
 
 
 def _scatter(shaft: Shaft, steps: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-    """Return the scatter of the steps at each increment: of those near in time, and as busy.
-
-    Where the velocity changes as fast as here, the steps show what its filter and the stamps are
-    wrong by.
-    """
+    """Return the scatter of the steps at each increment: of those near in time, and as busy."""
+    # where the velocity changes as fast as here, steps show its filter and the stamps
     pace = np.nan_to_num(shaft.velocity_rad_s)
     change = maximum_filter1d(pace, 2 * _SIDE + 1) - minimum_filter1d(pace, 2 * _SIDE + 1)
     out = np.full(len(steps), 1e-12)

@@ -23,12 +23,6 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import ParameterValue
 
-# cells of equal counts over the speed, and blocks in time: noise that changes with time alone must
-# not be taken for a law of the speed
-_CELLS, _BLOCKS = 64, 24
-# samples before that predict
-_ORDER = 8
-
 
 @dataclass(frozen=True, slots=True)
 class SpeedNoise:
@@ -64,8 +58,7 @@ def faults_of_residual(
 ) -> ResidualFaults:
     """Return the faults of the acquisition that a residual shows.
 
-    `whitened_residual` is None before the noise is known: then only spikes and coarse steps are
-    looked for. `volts` says whether the torque is the converter's own reading times the gain.
+    `whitened_residual` is None before the noise is known: then spikes and coarse steps alone.
     """
     spikes = find_outliers(residual_nm, valid, torque_nm, whitened_residual)
     faults = [_spiky(spikes, residual_nm, valid, motion.time_s)] if spikes.any() else []
@@ -108,18 +101,17 @@ def _spiky(
 
 
 def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return what the samples before do not predict, block by block, and its samples.
-
-    What a wrong form or angle leaves is a line that wanders with the speed: it can be predicted,
-    noise cannot.
-    """
-    windows = np.lib.stride_tricks.sliding_window_view(np.where(good, white, 0.0), _ORDER + 1)
-    rows = np.flatnonzero(good[_ORDER:])
+    """Return what the samples before do not predict, block by block, and its samples."""
+    # a wrong form or angle leaves a line that wanders with the speed: eight samples before predict
+    # it, and no noise
+    order = 8
+    windows = np.lib.stride_tricks.sliding_window_view(np.where(good, white, 0.0), order + 1)
+    rows = np.flatnonzero(good[order:])
     left = np.zeros(len(good))
     for block in np.array_split(rows, max(1, len(rows) // 512)):
         before, now = windows[block, :-1], windows[block, -1]
-        left[block + _ORDER] = now - before @ least_squares(before, now)
-    return left, rows + _ORDER
+        left[block + order] = now - before @ least_squares(before, now)
+    return left, rows + order
 
 
 def _speed_noise(
@@ -128,24 +120,20 @@ def _speed_noise(
     used: NDArray[np.bool_],
     motion: Motion,
 ) -> tuple[SpeedNoise | None, tuple[Fault, ...]]:
-    """Return the law of noise that grows with the square of the speed, if there is one.
-
-    By greatest likelihood for normal noise (Fisher scoring). None where the variance does not
-    surely grow, or where a variance that changes with time alone is likelier.
-    """
+    """Return the law of noise that grows with the square of the speed, by greatest likelihood."""
     left, rows = _innovations(whitened, used & np.isfinite(motion.velocity_rad_s))
     speed = motion.velocity_rad_s**2
     if len(rows) < 500 or not float(np.ptp(speed[rows])) > 0.0:
         return None, ()
     # the bulk decides: held samples and other outliers are none of the noise; it ends at 3.7 times
     # the median size, 2.5 standard deviations of normal noise
-    cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], _CELLS)
+    cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], 64)
     sizes = np.abs(left)
     cells = [cell[sizes[cell] <= 3.7 * float(np.median(sizes[cell]))] for cell in cells]
     bulk = np.sort(np.concatenate(cells))
     squares = left**2 / float(np.mean(left[bulk] ** 2))
     count, means, pace = np.array([(len(c), squares[c].mean(), speed[c].mean()) for c in cells]).T
-    design = np.column_stack([np.ones(_CELLS), pace / pace.max()])
+    design = np.column_stack([np.ones(len(cells)), pace / pace.max()])
     values = np.array([0.5, 0.5])
     # Fisher scoring converges within ten rounds
     for _ in range(20):
@@ -155,12 +143,13 @@ def _speed_noise(
         values = np.maximum(np.linalg.solve(fisher, weighted.T @ means), 1e-3)
     variance = design @ values
     gain = 0.5 * float(np.sum(count * (means - np.log(variance) - means / variance)))
-    blocks = np.array_split(squares[bulk], _BLOCKS)
+    # noise that changes with time alone is no law of the speed
+    blocks = np.array_split(squares[bulk], 24)
     by_time = -0.5 * sum(len(part) * float(np.log(part.mean())) for part in blocks)
     # squares of normal values have a variance of 2, those of the bulk less
     gain, by_time = (one * 2.0 / float(np.var(squares[bulk])) for one in (gain, by_time))
     chance, nats = float(ndtr(-np.sqrt(2.0 * max(gain, 0.0)))), paid_nats(gain, 1, len(bulk))
-    if nats < max(ACCEPT_NATS, paid_nats(by_time, _BLOCKS - 1, len(bulk))):
+    if nats < max(ACCEPT_NATS, paid_nats(by_time, len(blocks) - 1, len(bulk))):
         return None, ()
     law = SpeedNoise(float(values[0]), float(values[1] / pace.max()))
     power = float(np.mean(residual_nm[used] ** 2))

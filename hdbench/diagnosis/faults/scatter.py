@@ -89,9 +89,8 @@ def find_outliers(
 ) -> NDArray[np.bool_]:
     """Return one or two samples that stand out of the noise and of their neighbours.
 
-    `white` are the values with white noise, which have to stand out too. What the readings do not
-    come back from is a step. They are out by more than `least`, and leave a course that is `even`
-    times as even as that.
+    `white`, the values with white noise, stands out too; `readings` come back: else it is a step.
+    They are out by more than `least`, and leave a course that is `even` times as even as that.
     """
     found = np.zeros(len(valid), dtype=bool)
     if int(valid.sum()) < AROUND:

@@ -121,10 +121,7 @@ def without_faults(
 
 
 def disagreement(shaft: Shaft) -> FloatArray:
-    """Return increments of the angle that the velocity does not explain, rad.
-
-    Gain, offset and lag of the velocity are none.
-    """
+    """Return increments of the angle that gain, offset and lag of the velocity leave, rad."""
     good, wanted, steps = shaft.good, shaft.moves_rad, shaft.steps_s
     left = np.zeros(len(good))
     velocity = bridged(shaft.velocity_rad_s)
@@ -141,14 +138,12 @@ def disagreement(shaft: Shaft) -> FloatArray:
 
 
 def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], lags: int) -> float:
-    """Return the share of the fast part of `wanted` that a free filter of `source` explains.
-
-    The filter takes from `lags` samples before each and one after it; the busiest stretch decides.
-    """
+    """Return the share of the fast part of `wanted` that a free filter of `source` explains."""
     spans = np.concatenate([[0.0], np.cumsum(np.abs(source))])
     size = min(16384, len(source))
     if size < 8 * (lags + 2):
         return 0.0
+    # the busiest stretch decides; the filter takes samples before each and one after it
     first = int(np.argmax(spans[size:] - spans[:-size]))
     part = slice(first, first + size)
     fast = [one - uniform_filter1d(one, FAST) for one in (wanted[part], source[part])]
@@ -166,10 +161,7 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
 
 
 def has_own_noise(shaft: Shaft) -> bool:
-    """Return whether the velocity shows noise above its rounding.
-
-    Where it does not, nobody can see whether it is a sensor of its own.
-    """
+    """Return whether the velocity shows noise above its rounding: a sensor of its own."""
     velocity = bridged(shaft.velocity_rad_s)
     fast = robust_std(velocity - uniform_filter1d(velocity, FAST))
     rounding = smallest_step(shaft.velocity_rad_s) / float(np.sqrt(12.0))
@@ -177,13 +169,10 @@ def has_own_noise(shaft: Shaft) -> bool:
 
 
 def derivation(shaft: Shaft) -> tuple[str, str] | None:
-    """Return (channel, channel that it was made of), or None for two sensors.
-
-    What is fast in a channel is its own noise and rounding. Where the other channel explains it,
-    both come from one sensor: an integrated velocity, or a differentiated and filtered angle.
-    """
-    # an integrated angle holds nothing but the velocity; a filter of the angle reaches over 60
-    # samples. Of channels with noise of their own the other explains next to nothing
+    """Return (channel, channel that it was made of), or None for two sensors."""
+    # what is fast in a channel is its own noise and rounding: where the other explains it, both
+    # come from one sensor. An integrated angle holds nothing but the velocity; a filter of the
+    # angle reaches over 60 samples. Of noise of its own another channel explains next to nothing
     steps, good, velocity = shaft.steps_s, shaft.good, bridged(shaft.velocity_rad_s)
     moves = bridged(np.where(good, shaft.moves_rad, np.nan))
     angle, tacho = shaft.names

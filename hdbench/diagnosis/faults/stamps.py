@@ -41,12 +41,10 @@ def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
 def gaps_of(
     time_s: FloatArray, stage: FloatArray | None, at: NDArray[np.intp]
 ) -> list[tuple[float, float, int]]:
-    """Return the stamps on both sides of each gap after `at`, and how many samples are missing.
-
-    A pause between two stages of a plan is no gap: no sample was due there.
-    """
+    """Return the stamps around each gap after `at`, and how many samples are missing."""
     steps = np.diff(time_s)
     period = float(np.median(steps[steps > 0.0]))
+    # a pause between two stages of a plan is no gap: no sample was due there
     return [
         (float(time_s[k]), float(time_s[k + 1]), max(1, round(float(steps[k]) / period) - 1))
         for k in at.tolist()

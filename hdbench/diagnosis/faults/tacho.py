@@ -20,22 +20,15 @@ from hdbench.results.diagnosis import ParameterValue
 # commutators have some tens of segments and ripple at twice their number; a gear before the tacho
 # or an eccentric rotor makes low orders
 _ORDERS = 128
-# turns over which the angle is folded: places between whole orders show what chance makes
-_FOLD = 4
-# cells of the fold: eight for each turn of the highest order
-_CELLS = 8 * _ORDERS * _FOLD
-# whole orders on each side whose places in between are the background
-_NEAR = 3
+# turns over which the angle is folded: places between whole orders show what chance makes, those
+# between so many whole orders on each side
+_FOLD, _NEAR = 4, 3
 # lines of one tacho at most
 _LINES = 4
 
 
 def find_tacho_ripple(shaft: Shaft) -> tuple[Fault, ...]:
-    """Return the ripple of the tacho, one fault for each line.
-
-    Lines whose power is above the mean of the places between the orders around by what chance
-    does not make on any order, and that the angle does not show.
-    """
+    """Return the lines of the tacho that chance does not make and the angle does not show."""
     folded = _Folded(shaft)
     faults: list[Fault] = []
     # in ten turns of the motor neighbouring orders are told apart
@@ -60,15 +53,17 @@ class _Folded:
         self.angle = shaft.angle_rad[self.valid]
         self.speed = shaft.velocity_rad_s[self.valid]
         self.turns = float(np.abs(np.diff(self.angle)).sum()) / (2.0 * np.pi)
+        # eight cells for each turn of the highest order
+        self.n_cells = 8 * _ORDERS * _FOLD
         turn = np.mod(self.angle / (2.0 * np.pi * _FOLD), 1.0)
-        self.cell = np.minimum((turn * _CELLS).astype(np.int64), _CELLS - 1)
+        self.cell = np.minimum((turn * self.n_cells).astype(np.int64), self.n_cells - 1)
         self.size = 2 * max(2, round(0.5 * ACCELERATION_WINDOW_S / shaft.period_s)) + 1
         self.by_tacho = fast_part(self.speed, self.size)
         self.by_angle = fast_part(central[self.valid], self.size)
 
     def lines(self, values: FloatArray) -> NDArray[np.complex128]:
         """Return the amplitude relative to the speed at every quarter order."""
-        cells = np.bincount(self.cell, values * self.speed, _CELLS)
+        cells = np.bincount(self.cell, values * self.speed, self.n_cells)
         sizes = np.fft.rfft(cells)[: (_ORDERS + _NEAR) * _FOLD]
         return np.asarray(2.0 * sizes / max(float(self.speed @ self.speed), 1e-300))
 

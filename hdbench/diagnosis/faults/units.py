@@ -30,8 +30,6 @@ _SAME = 0.5
 _SIGN_STD = 0.2
 # share of the torque's fast variance that ripple explains on the right angle, and on a wrong one
 _RIGHT, _WRONG = 0.3, 0.03
-# samples of the running mean that takes slow torque out: some periods of ripple at walking pace
-_SLOW = 301
 
 # factor of angle over velocity, what it says of the angle, what it says of the velocity
 _UNITS = (
@@ -49,12 +47,7 @@ _UNITS = (
 
 
 def check_channels(trace: Trace, profile: ProfileData) -> Inspected:
-    """Return what the channels can be used for, by their units and by each other.
-
-    Where angle and velocity differ by a factor, the one that the torque agrees with is kept.
-    `reason` is set where the torque does not tell which of them is wrong, a channel is beyond
-    anything that the bench can reach, or torque and velocity are swapped.
-    """
+    """Return what the channels can be used for, by their units and by each other."""
     reason = _swapped(trace, profile) or _too_coarse(trace, profile)
     if reason:
         return _told(trace, "wrong-channel", reason, refuse=True)
@@ -123,18 +116,17 @@ def _too_coarse(trace: Trace, profile: ProfileData) -> str:
 def _regressed(
     torque: FloatArray, angle: FloatArray, profile: ProfileData, *others: FloatArray
 ) -> tuple[float, float, float]:
-    """Return the share of the fast torque that ripple over an angle, and others, explain.
-
-    Then the coefficient of the first column, which is of the first of the others, and its
-    standard uncertainty. Load, gravity and misalignment are slow; the ends have no mean.
-    """
+    """Return the share of fast torque that ripple and others explain, and the first one's size."""
     good = np.isfinite(sum(others, torque + angle))
-    if int(good.sum()) < 4 * _SLOW:
+    # samples of the running mean that takes load, gravity and misalignment out: some periods of
+    # ripple at walking pace; the ends have no mean
+    slow = 301
+    if int(good.sum()) < 4 * slow:
         return 0.0, 0.0, float(np.inf)
     orders = baseline_orders(profile)
     waves = [wave(order * angle) for order in orders for wave in (np.cos, np.sin)]
-    columns = [fast_part(column[good], _SLOW) for column in (torque, *others, *waves)]
-    response, *columns = [column[_SLOW:-_SLOW] for column in columns]
+    columns = [fast_part(column[good], slow) for column in (torque, *others, *waves)]
+    response, *columns = [column[slow:-slow] for column in columns]
     design = np.column_stack(columns)
     inverse = np.linalg.pinv(design.T @ design)
     solution = inverse @ (design.T @ response)
@@ -213,15 +205,12 @@ def _compared(trace: Trace, profile: ProfileData, shaft: Shaft) -> Inspected:
 
 
 def _unlike(trace: Trace, profile: ProfileData, shaft: Shaft, ratio: float) -> Inspected:
-    """Return what to do where angle and velocity differ by a factor: the torque decides.
-
-    By its ripple, or, where only the sign differs, by the expected torque, which is that of the
-    velocity that has the right sign.
-    """
+    """Return what to do where angle and velocity differ by a factor: the torque decides."""
     unit, of_angle, of_velocity = min(_UNITS, key=lambda unit: abs(ratio / unit[0] - 1.0))
     known = abs(ratio / unit - 1.0) < 0.03
     text = f"{shaft.names[0]} turns {ratio:.4g} times as far as the integrated velocity"
     torque, velocity = torque_from_trace(trace, profile), shaft.velocity_rad_s
+    # by its ripple or, where only the sign differs, by the expected torque of the right velocity
     if known and unit == -1.0:
         expected = expected_nm(trace, profile, velocity)
         _, sign, std = _regressed(torque, shaft.angle_rad, profile, expected)

@@ -232,13 +232,10 @@ class LoadAnswer:
     # what would have been seen
 
     def _sigmas(self, look: Look, alpha: float) -> float:
-        """Return how many of its standard deviations an effect needs to be found with 90 %.
-
-        The share of the residual that the false-alarm rate asks for is carried to standard
-        deviations by the F law.
-        """
+        """Return how many of its standard deviations an effect needs to be found with 90 %."""
         from scipy.special import betaincinv, ndtri
 
+        # the share of the residual that the false-alarm rate asks for, by the F law
         rank, more = look.rank, self.fit.dof - look.rank
         rest = float(betaincinv(more / 2.0, rank / 2.0, alpha / look.trials))
         return float(np.sqrt((1.0 - rest) / max(rest, 1e-300) * more) + ndtri(0.9))

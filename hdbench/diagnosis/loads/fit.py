@@ -20,13 +20,6 @@ from hdbench.results.diagnosis import Gain
 # a mechanism (a loop, a creep, a limit) is good to a few percent; a polynomial, which is its own
 # definition, to the curve of second order that an arm or a weight adds
 FORM_ERROR, PLAIN_ERROR = 0.04, 0.003
-# readings carry rounding at this share of the largest one
-_ROUNDING = 1e-12
-# relative change of a shape parameter, or of its domain, by which a slope is formed
-_STEP = 1e-4
-# a limit acts on the signal before it, which the fit gives: they settle in this many rounds, or
-# when nothing moves by more than this share of the largest torque
-_ROUNDS, _SETTLED = 4, 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,28 +114,23 @@ class LoadFit:
 def fit_loads(
     table: LoadTable, base: FloatArray, terms: Sequence[Term], *, refine: bool = True
 ) -> LoadFit:
-    """Fit gain, zeros and causes together, shapes too unless `refine` is False.
-
-    Readings on torque, because the weights are known and the readings are noisy; `base` has the
-    applied torque first.
-    """
+    """Fit gain, zeros and causes together, shapes too unless `refine` is False."""
     chosen = tuple(terms)
     acts = any(term.form.cause.whole_signal for term in chosen)
-    for _ in range(_ROUNDS if acts else 1):
+    # a limit acts on the signal before it, which the fit gives: they settle in four rounds, or when
+    # nothing moves any more
+    for _ in range(4 if acts else 1):
         chosen = _refined(chosen, base, table) if refine else chosen
         fit = _linear_fit(table, base, chosen)
         moved = np.asarray(fit.table.motion.simulated_nm) - np.asarray(table.motion.simulated_nm)
         table = fit.table
-        if float(np.abs(moved).max()) <= _SETTLED * table.top_nm:
+        if float(np.abs(moved).max()) <= 1e-6 * table.top_nm:
             break
     return fit
 
 
 def design(base: FloatArray, terms: Sequence[Term], table: LoadTable) -> list[FloatArray]:
-    """Return the columns of the baseline and of each term.
-
-    What takes a share of 1 is part of the torque and has no column.
-    """
+    """Return the columns of baseline and terms; what takes a share of 1 is part of the torque."""
     parts = [base.copy()]
     for term in terms:
         columns = term.columns(table)
@@ -161,13 +149,15 @@ def _solve(columns: FloatArray, response: FloatArray) -> FloatArray:
 def _linear_fit(table: LoadTable, base: FloatArray, terms: tuple[Term, ...]) -> LoadFit:
     used, response = table.used, table.reading_v[table.used]
     n = len(response)
-    floor = (_ROUNDING * float(np.abs(response).max())) ** 2
+    # readings carry rounding at this share of the largest one
+    rounding = 1e-12
+    floor = (rounding * float(np.abs(response).max())) ** 2
     parts = design(base, terms, table)
     columns = np.hstack(parts)
     solution = _solve(columns[used], response)
     fitted = columns @ solution
     left = response - fitted[used]
-    slope = float(solution[0]) if abs(solution[0]) > _ROUNDING else _ROUNDING
+    slope = float(solution[0]) if abs(solution[0]) > rounding else rounding
     own = np.split(solution, np.cumsum([part.shape[1] for part in parts]))
     linear = tuple(a / slope if len(a) else np.ones(1) for a in own[1:-1])
     # what limits take acts on the signal before them
@@ -215,7 +205,7 @@ def _shape_slope(
     if parameter not in term.form.smooth:
         return np.zeros(len(table))
     value = term.shape[parameter.name]
-    step = _STEP * max(abs(value), 1e-6)
+    step = 1e-4 * max(abs(value), 1e-6)
     low, high = np.clip((value - step, value + step), parameter.lower, parameter.upper).tolist()
     before, after = (
         replace(term, shape={**term.shape, parameter.name: x}).columns(table) @ linear
@@ -225,12 +215,7 @@ def _shape_slope(
 
 
 def _form_error(term: Term, linear: FloatArray, table: LoadTable, base: FloatArray) -> FloatArray:
-    """Return how a term may differ from its form, one standard deviation each, N m.
-
-    Its visible effect times slow factors of load, branch, direction and time; a part of it at
-    other values of its shape; and, of what acts on the whole signal, the part that the zeros have
-    in it.
-    """
+    """Return how a term may differ from its form, one standard deviation each, N m."""
     used, effect = table.used, term.columns(table) @ linear
 
     def seen(torque: FloatArray) -> FloatArray:
@@ -260,6 +245,7 @@ def _form_error(term: Term, linear: FloatArray, table: LoadTable, base: FloatArr
         # time constants are spread in real parts
         parts.append(0.2 * other * min(1.0, size / max(length, 1e-300)))
     if term.form.cause.whole_signal:
+        # the zeros have a part in what acts on the whole signal
         alone = term.columns(table.with_signal(table.torque_nm)) @ linear
         parts.append((alone - effect)[:, None])
     return np.hstack(parts)
@@ -324,9 +310,9 @@ def _refined(terms: tuple[Term, ...], base: FloatArray, table: LoadTable) -> tup
         return (value - low) / (high - low)
 
     at = [share_of(terms[i].shape[name], low, high) for i, name, low, high in free]
-    start, steps = np.clip(at, 0.0, 1.0), [_STEP] * len(free)
+    start = np.clip(at, 0.0, 1.0)
     # refinement ends after this many steps: grids start it within a fifth of where it ends
-    found = least_squares(residual, start, bounds=(0.0, 1.0), diff_step=steps, max_nfev=30)
+    found = least_squares(residual, start, bounds=(0.0, 1.0), diff_step=1e-4, max_nfev=30)
     before = residual(start)
     return moved(found.x) if 2.0 * found.cost < float(before @ before) else terms
 
@@ -372,12 +358,7 @@ def gain_of(fit: LoadFit, places: Sequence[int], rng: np.random.Generator) -> Ga
 
 
 def _predicted_nm(fit: LoadFit, folds: IntArray, places: Sequence[int] = ()) -> FloatArray | None:
-    """Return measured less predicted of each fold from all others, N m, terms `places` left out.
-
-    None where the rest does not fix what a fold needs. Of an experiment that is left out as a whole
-    the zero is the mean of its residuals, and what stays is scaled to the variance of a prediction
-    with a known zero.
-    """
+    """Return measured less predicted of each fold from all others, N m."""
     table, used = fit.table, fit.table.used
     response, numbers = table.reading_v[used], folds[used]
     columns = np.hstack(design(fit.base, fit.others(places), table))[used]
@@ -391,7 +372,8 @@ def _predicted_nm(fit: LoadFit, folds: IntArray, places: Sequence[int] = ()) -> 
         u, s, v = np.linalg.svd(columns[~test], full_matrices=False)
         kept = s > RANK * s[0]
         u, s, v = u[:, kept], s[kept], v[kept]
-        # a zero that no training reading shows is allowed to be unknown, nothing else is
+        # a zero that no training reading shows may be unknown, nothing else: it is the mean of
+        # the residuals, and what stays is scaled to a prediction with a known zero
         asked = columns[test]
         asked[:, of_zeros] = 0.0
         unknown = np.linalg.norm(asked - asked @ v.T @ v, axis=1)

@@ -23,8 +23,6 @@ NAMES = (
 )  # fmt: skip
 # shape parameters that have values but no slope
 _DISCRETE = ("step_time_s", "place")
-# points of a grid over one shape parameter, and over each of more: neighbours are alike
-_POINTS, _POINTS_OF_TWO = 24, 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,8 @@ class Form:
 
     def grid(self, table: LoadTable) -> list[Term]:
         """Return the members of the family on these readings."""
-        points = _POINTS if len(self.smooth) < 2 else _POINTS_OF_TWO
+        # so fine that neighbours are alike
+        points = 24 if len(self.smooth) < 2 else 10
         axes = [self._axis(p, table, points) for p in self.shape]
         names = [p.name for p in self.shape]
         return [Term(self, dict(zip(names, map(float, v), strict=True))) for v in product(*axes)]
@@ -81,11 +80,9 @@ class Form:
         return values
 
     def bounds(self, parameter: Parameter, table: LoadTable) -> list[tuple[float, float]]:
-        """Return the bands of a smooth shape parameter on these readings.
-
-        Beyond twice the largest torque and ten times the record nothing of a shape is left to see;
-        a limit of less than half of the torque is a gain, one of 30 times takes a thousandth.
-        """
+        """Return the bands of a smooth shape parameter on these readings."""
+        # beyond twice the largest torque and ten times the record nothing of a shape is left to
+        # see; a limit of less than half of the torque is a gain, one of 30 times takes a thousandth
         top = table.top_nm
         if parameter.name == "limit_nm":
             bands: Sequence[tuple[float, float]] = ((parameter.lower, parameter.upper),)
@@ -153,14 +150,7 @@ def form_named(cause: Cause, label: str, shape: Mapping[str, float]) -> Form:
 
 
 def _forms(cause: Cause, known: Mapping[str, Cause]) -> tuple[Form, ...]:
-    """Return the forms in which a cause is looked for.
-
-    Hysteresis from rest, after a preload, and then with one branch straight, as where a gain was
-    set by the readings of the other; its second column is a gain, which readings have anyway.
-    Saturation of four sharpnesses. A gain with its first harmonic over the position, its second or
-    both. An arm that sags without and with a tilt under no load, and one that bends so far that it
-    loses lever arm: a cube that is never positive. Any other cause as it is.
-    """
+    """Return the forms in which a cause is looked for: variants of some, any other as it is."""
     own = Form(cause, cause.columns, cause.linear)
     if cause.name == "hysteresis":
         loop = _part(cause, slice(1))
@@ -214,11 +204,7 @@ def _preloaded(columns: Columns) -> Columns:
 
 
 def _branch(columns: Columns, falling: bool) -> Columns:
-    """Return the columns of a loop whose `falling` branch, or the other, holds all of it.
-
-    That is twice its distance from the chord of the loop; zero in experiments whose torque changes
-    its sign: there the loop has no such chord.
-    """
+    """Return twice a loop's distance from its chord on one branch, zero on the other."""
 
     def one(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         loop, size = columns(motion, shape)[:, 0], np.abs(motion.applied_nm)
@@ -264,11 +250,7 @@ def outliers(table: LoadTable) -> Form:
 
 
 def places(table: LoadTable) -> tuple[Form, ...]:
-    """Return the places without a name.
-
-    Each load level, each level of each branch, a curve over the torque (powers 2 to 5), a gain and
-    a drift of each experiment, stretches of four readings.
-    """
+    """Return the places without a name: levels, branches, a curve, gains, drifts and stretches."""
     level, torque = levels(table), table.torque_nm
 
     def each(numbers: IntArray, values: FloatArray | float = 1.0) -> dict[int, FloatArray]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdbench.diagnosis.evidence import (
+    LEAST_DOF,
     RANK,
     RIVAL_NATS,
     SAME_SPACE,
@@ -21,8 +22,6 @@ from hdbench.diagnosis.loads.search import Accepted
 from hdbench.diagnosis.loads.table import IntArray, base_columns, groupings, one_hot
 from hdbench.records.trace import FloatArray
 
-# degrees of freedom that noise needs before anything is held against it; a scatter one less
-LEAST_DOF = 3
 # one percent to either side: gains that the profile's consistency makes as good as never
 _TAIL = 0.01
 
@@ -67,12 +66,9 @@ def _spans(base: FloatArray, columns: FloatArray) -> bool:
 
 
 def _lead_nats(fit: LoadFit, plain: LoadFit, free: LoadFit) -> float:
-    """Return by how much gains that scatter about a common one explain more than names, nats.
-
-    Of the k gains that `free` has more than `plain`, those that the names of `fit` do not explain
-    cost what a normal prior of the best width takes from their likelihood: with q = 2 (log
-    likelihood of `free` less that of `plain`) / k, (1 + ln q) / 2 each.
-    """
+    """Return by how much gains that scatter about a common one explain more than names, nats."""
+    # with q = 2 (log likelihood of `free` less that of `plain`) / k, a normal prior of the best
+    # width takes (1 + ln q) / 2 for each of the k gains that the names do not explain
     n = float(free.table.used.sum())
     count = max(plain.dof - free.dof, 1)
     width = max(n * float(np.log(plain.rss / free.rss)) / count, 1.0)
@@ -81,15 +77,13 @@ def _lead_nats(fit: LoadFit, plain: LoadFit, free: LoadFit) -> float:
 
 
 def _tails(deviation: FloatArray, place: IntArray, expected: float) -> tuple[float, float]:
-    """Return the chance of deviations as large, and of as small, as the profile states.
-
-    Groups at one position share what the position does to the gain: the means of positions, and
-    what is left inside positions, are held against the consistency; the less likely counts, twice.
-    """
+    """Return the chance of deviations as large, and of as small, as the profile states."""
     from scipy.special import gammainc, gammaincc
 
     if not expected > 0.0:
         return 0.0, 0.0
+    # groups at one position share what it does to the gain: means of positions, and what is left
+    # inside them, are held against the consistency; the less likely counts, twice
     at = np.unique(place, return_inverse=True)[1]
     means = np.bincount(at, weights=deviation) / np.bincount(at)
     parts = [(means - means.mean(), len(means) - 1)]
@@ -100,12 +94,7 @@ def _tails(deviation: FloatArray, place: IntArray, expected: float) -> tuple[flo
 
 
 def find_scatter(fit: LoadFit, expected: float) -> GainScatter | None:
-    """Return gains that differ without a form where that explains more than names do.
-
-    Scatter has to win by 3 nats. Where each position has one experiment nothing repeats: there a
-    name has to win. Names that use up every difference between positions are told from chance only
-    where the profile's consistency makes differences as small as good as never.
-    """
+    """Return gains that differ without a form where that explains 3 nats more than names do."""
     table, used = fit.table, fit.table.used
     plain_base = base_columns(table)
     best, scatter = -np.inf, None
@@ -126,8 +115,10 @@ def find_scatter(fit: LoadFit, expected: float) -> GainScatter | None:
         deviation = np.asarray(slopes / slopes.mean() - 1.0)
         above, below = _tails(deviation, table.place[first], expected)
         named = len(kept) < len(fit.terms)
+        # where each position has one experiment nothing repeats: there a name has to win
         alone = named and len(table.names) == len(np.unique(table.place))
         lead = _lead_nats(fit, plain, free) + (RIVAL_NATS if alone else -RIVAL_NATS)
+        # names that use up every difference are chance only where the profile excludes so little
         used_up = named and free.dof >= fit.dof and below > _TAIL and name == "positions"
         if (lead > 0.0 or used_up) and lead > best:
             best = lead
@@ -147,12 +138,7 @@ class _Test:
 
 
 def _tested(form: Form, fit: LoadFit, scatter: GainScatter) -> _Test | None:
-    """Return the test of a form; None where it adds more than gains, or nothing can be told.
-
-    What is the same for all readings at a position is held against the scatter of the positions'
-    mean gains, everything else against the scatter inside positions: the two strata of a split-plot
-    design (Searle, Casella, McCulloch, Variance Components, 1992, chapter 4).
-    """
+    """Return the test of a form; None where it adds more than gains, or nothing can be told."""
     table, which = fit.table, one_hot(scatter.groups)
     gains = np.hstack([table.torque_nm[:, None] * which, one_hot(table.experiment)])
     if form.shape:
@@ -163,6 +149,9 @@ def _tested(form: Form, fit: LoadFit, scatter: GainScatter) -> _Test | None:
     gain = np.linalg.lstsq(gains, columns, rcond=RANK)[0]
     pattern = np.asarray(gain[: which.shape[1]], dtype=np.float64)
     design, values = pattern, scatter.deviation
+    # what is the same for all readings at a position is held against the scatter of the positions,
+    # all else against that inside them: the two strata of a split-plot design (Searle, Casella,
+    # McCulloch, Variance Components, 1992, chapter 4)
     place = one_hot(scatter.place)
     mean = place / place.sum(axis=0)
     if float(np.abs(pattern - place @ (mean.T @ pattern)).max()) < RANK:
@@ -184,10 +173,7 @@ def _tested(form: Form, fit: LoadFit, scatter: GainScatter) -> _Test | None:
 def name_between(
     fit: LoadFit, forms: Sequence[Form], scatter: GainScatter, alpha: float
 ) -> tuple[LoadFit, GainScatter, tuple[Accepted, ...]]:
-    """Name a cause whose gains stand above the scatter of all others.
-
-    Return fit and scatter with that cause, and what is accepted: one cause or none.
-    """
+    """Name a cause whose gains stand above the scatter of all others: fit, scatter and cause."""
     tests = [test for form in forms if (test := _tested(form, fit, scatter)) is not None]
     best = min(tests, key=lambda test: test.p_value, default=None)
     if best is None or not (best.p_value * len(tests) < alpha and best.nats > 0.0):

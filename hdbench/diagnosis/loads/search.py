@@ -19,9 +19,6 @@ from hdbench.diagnosis.loads.forms import Form, Term
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import Unexplained
 
-# draws of the null: more where few degrees of freedom make them cheap and tails count
-_LEAST_DRAWS, _MOST_DRAWS, _WORK = 2000, 10_000, 160_000
-
 # a member of a form, and what a fit leaves of its columns
 Cell = tuple[Term, FloatArray]
 
@@ -105,17 +102,14 @@ class Search:
         return self.grids[number]
 
     def looks(self, fit: LoadFit) -> tuple[Look, ...]:
-        """Return what each form shows, and how often noise shows as much.
-
-        The share of the residual along k directions of d has the law Beta(k/2, (d - k)/2) for noise
-        of any size: draws of unit noise are the exact null. The smallest p-value over a form's
-        members, and then over forms, is a minimum of M trials, ``1 - (1 - p)^M``.
-        """
+        """Return what each form shows, and how often noise shows as much in any of them."""
         space = fit.space()
         members = self.members(fit, space) if space.dof > 1 else []
         if not members:
             return ()
-        draws = int(np.clip(_WORK // space.dof, _LEAST_DRAWS, _MOST_DRAWS))
+        # more draws where few degrees of freedom make them cheap and tails count
+        draws = int(np.clip(160_000 // space.dof, 2000, 10_000))
+        # the share along some directions has one law for noise of any size: unit noise is the null
         noise = self.rng.standard_normal((space.dof, draws))
         noise /= np.sqrt(np.einsum("nd,nd->d", noise, noise))
         drawn, seen = [], []
@@ -230,10 +224,8 @@ class Search:
 
 
 def _lowest_p(shares: FloatArray, ranks: FloatArray, dof: int) -> tuple[FloatArray, int]:
-    """Return the smallest p-value over members of shares (n_cells, n_draws), and the rank of one.
-
-    At equal rank the largest share has the smallest p-value.
-    """
+    """Return the smallest p-value over members of a form, and the rank of one."""
+    # at equal rank the largest share has the smallest p-value
     kinds = np.unique(ranks).tolist()
     best = [share_p_value(shares[ranks == rank].max(axis=0), rank, dof) for rank in kinds]
     return np.min(best, axis=0), kinds[int(np.argmin(np.array(best)[:, 0]))]
@@ -270,7 +262,7 @@ def uneven_scatter(
         # the law of the trend leans to one side: its logarithmic odds are nearer to normal
         return np.asarray(np.log1p(trend) - np.log1p(-trend))
 
-    drawn = odds(rng.standard_normal((space.dof, _LEAST_DRAWS)))
+    drawn = odds(rng.standard_normal((space.dof, 2000)))
     place = float((odds(space.residual_v[:, None])[0] - drawn.mean()) / drawn.std())
     # two sides, and twice that: beyond 1e-3 the odds lie up to 1.7 times as often as a normal value
     chance = min(1.0, float(4.0 * ndtr(-abs(place))))

@@ -55,10 +55,7 @@ class LoadTable:
 
 
 def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[StretchFlag, ...]]:
-    """Return readings as arrays, and what is wrong with some; `DataError` as `motion_from_loads`.
-
-    Lost and stuck readings and those at the end of the converter's range are not used.
-    """
+    """Return readings as arrays, and what is wrong with those that are not used."""
     motion = motion_from_loads(loads, profile)
     readings = loads.readings
     volts = np.array([r.reading_v for r in readings], dtype=np.float64)

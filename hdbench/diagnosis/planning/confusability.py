@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from hdbench.diagnosis.discovery.chance import chi2_level
-from hdbench.diagnosis.evidence import SAME_SPACE
+from hdbench.diagnosis.evidence import RANK, SAME_SPACE
 from hdbench.diagnosis.planning.frame import ROWS, Frame, Noise, make_frame
 from hdbench.diagnosis.planning.signatures import (
     Effect,
@@ -33,11 +33,6 @@ Told = Callable[[str, float], None]
 CONFUSABLE = 0.25
 # one name contains another where this little of it is left: the rounding of projections
 _CONTAINED = 1e-6
-# directions with less than this share of a column's energy are rounding
-_ROUNDING = 1e-10
-# times that a step of the grid is halved, by the samples that a cause needs: few, more, all; and
-# that a resolution cell of a line is: 1/8000 of it leaves less than a millionth of three lines
-_HALVINGS, _LINE_HALVINGS = (5, 4, 2), 12
 # why an effect is not seen that the baseline holds already
 HELD = "the baseline imitates it"
 
@@ -48,28 +43,22 @@ def silent(_what: str, _share: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """Whether a motion shows an effect: why not, where it does not.
-
-    `baseline_share` is the share that the baseline imitates, `std_nm` the Cramer-Rao bound of its
-    peak torque, `detectable_nm` the peak torque that is found with 90 %.
-    """
+    """Whether a motion shows an effect: why not, where it does not."""
 
     name: str
     reason: str
-    baseline_share: float = 1.0
-    std_nm: float | None = None
-    detectable_nm: float | None = None
+    baseline_share: float = 1.0  # that the baseline imitates
+    std_nm: float | None = None  # Cramer-Rao bound of its peak torque
+    detectable_nm: float | None = None  # peak torque that is found with 90 %
 
 
 @dataclass(frozen=True, slots=True)
 class Confusability:
-    """How alike effects are on a motion.
-
-    Entry (i, j) of `sin2` is the share of effect i that effect j with any shape, and the baseline,
-    cannot imitate; NaN where either cannot be seen and on the diagonal.
-    """
+    """How alike effects are on a motion."""
 
     names: tuple[str, ...]
+    # share of effect i that effect j with any shape, and the baseline, cannot imitate; NaN where
+    # either cannot be seen and on the diagonal
     sin2: FloatArray
     visibility: tuple[Visibility, ...]
     duration_s: float
@@ -115,33 +104,24 @@ class Target:
 
 @dataclass(slots=True)
 class Family:
-    """A cause with all shapes that were tried, and their products in each block.
-
-    `own`, of shape (n_blocks, n, k, k), are those of the rows of each shape, `cross`, of shape
-    (n_blocks, n, k, q + n_rows), those with the rows of the baseline and of all targets.
-    """
+    """A cause with all shapes that were tried, and their products in each block."""
 
     cause: Cause
     shapes: list[Shape]
-    own: FloatArray
-    cross: FloatArray
+    own: FloatArray  # of the rows of each shape, (n_blocks, n, k, k)
+    cross: FloatArray  # with the rows of baseline and targets, (n_blocks, n, k, q + n_rows)
 
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """Products of all targets beside a baseline on some of the blocks.
-
-    `whole` are the products of the rows of baseline and targets; `factor` makes the free rows of
-    the baseline orthonormal, `onto` are their products with the rows of the targets, `left` those
-    rows' own products less what the baseline explains.
-    """
+    """Products of all targets beside a baseline on some of the blocks."""
 
     grams: Grams
     kept: NDArray[np.intp]
-    whole: FloatArray
-    factor: FloatArray
-    onto: FloatArray
-    left: FloatArray
+    whole: FloatArray  # products of the rows of baseline and targets
+    factor: FloatArray  # makes the free rows of the baseline orthonormal
+    onto: FloatArray  # products of these with the rows of the targets
+    left: FloatArray  # the targets' own products less what the baseline explains
 
     def energy(self, target: Target) -> float:
         """Return the squared size of what the baseline leaves of an effect."""
@@ -181,7 +161,7 @@ class Beside:
         own = (own - base @ base.swapaxes(1, 2)) * scale[:, :, None] * scale[:, None, :]
         values, vectors = np.linalg.eigh(own)
         along = vectors.swapaxes(1, 2) @ (cross * scale[:, :, None])
-        over = np.where(values > _ROUNDING, 1.0 / np.maximum(values, _ROUNDING), 0.0)
+        over = np.where(values > RANK, 1.0 / np.maximum(values, RANK), 0.0)
         starts = [target.rows.start for target in self.grams.targets]
         imitated = np.add.reduceat(np.sum(along**2 * over[:, :, None], axis=1), starts, axis=1)
         energy = np.add.reduceat(np.diag(self.left), starts)
@@ -190,17 +170,13 @@ class Beside:
 
 @dataclass(slots=True)
 class Grams:
-    """Products of baseline, effects and all that may imitate them, block by block.
-
-    `targets` are the effects that the motion could show, one for each block of a step in time.
-    `rows` are the white rows of baseline and targets, `own` their products in each block.
-    """
+    """Products of baseline, effects and all that may imitate them, block by block."""
 
     frame: Frame
     n_effects: int
-    targets: tuple[Target, ...]
-    rows: FloatArray
-    own: FloatArray
+    targets: tuple[Target, ...]  # one for each block of a step in time
+    rows: FloatArray  # white ones of baseline and targets
+    own: FloatArray  # their products in each block
     families: dict[str, Family]
 
     @classmethod
@@ -242,7 +218,7 @@ class Grams:
         free = 1 if zero_only else q
         whole = self.own[blocks].sum(0)
         values, vectors = np.linalg.eigh(whole[:free, :free])
-        seen = values > _ROUNDING * max(float(values[-1]), 1e-300)
+        seen = values > RANK * max(float(values[-1]), 1e-300)
         factor = np.zeros((q, int(seen.sum())))
         factor[:free] = vectors[:, seen] / np.sqrt(values[seen])
         onto = factor.T @ whole[:q, q:]
@@ -312,14 +288,10 @@ def compare(
 ) -> Confusability:
     r"""Return how alike effects are on a motion, in white noise of the profile where none is given.
 
-    With S_i the white columns of effect i less what the baseline explains, and P_j(q) the
-    projection onto those of effect j with shape q,
-
-    .. math:: \sin^2 \gamma_{ij} = \min_q 1 - \|P_j(q) S_i\|_F^2 / \|S_i\|_F^2 ,
-
-    the share of the expected evidence for i that is left against j, phases of i being equally
-    likely. An effect of d standard deviations then brings :math:`(d^2/2) \sin^2 \gamma` nats for
-    its name over the other one.
+    With S_i the white columns of effect i less what the baseline explains, P_j(q) the projection
+    onto those of effect j with shape q, :math:`\sin^2 = \min_q 1 - \|P_j(q) S_i\|^2 / \|S_i\|^2` is
+    the share of the expected evidence for i that is left against j. An effect of d deviations then
+    brings :math:`(d^2/2) \sin^2` nats for its name over the other one.
     """
     grams = Grams.of(make_frame(motion, profile, noise, n_rows=n_rows), effects, progress)
     names = tuple(effect.name for effect in effects)
@@ -350,17 +322,17 @@ def compare(
 
 
 def _least(beside: Beside, name: str, columns: Sequence[int]) -> FloatArray:
-    """Return the least share that a cause leaves of some targets, with its shape free.
-
-    Shapes between those of the grid are tried around the best, ever nearer to it.
-    """
+    """Return the least share that a cause leaves of some targets, with its shape free."""
     grams = beside.grams
     family = grams.families[name]
     home = grams.frame.home(family.cause, family.shapes[0])
     axes = shape_axes(family.cause, grams.frame, home)
     others = np.array([grams.targets[column].effect.name != name for column in columns])
     left = beside.shares(family)[:, columns]
-    for halvings in range(1, 1 + (_LINE_HALVINGS if line_key(family.cause) else _HALVINGS[home])):
+    # times that a step of the grid is halved, by the samples that a cause needs: few, more, all; of
+    # the resolution cell of a line 1/8000 leaves less than a millionth of three lines
+    most = 12 if line_key(family.cause) else (5, 4, 2)[home]
+    for halvings in range(1, 1 + most):
         best, at, tried = left.min(axis=0), left.argmin(axis=0), len(family.shapes)
         # what the grid leaves above 0.6 is told apart whatever the shape in between; 0.15 is more
         # than refinement has gained anywhere on the built-in protocols

@@ -24,12 +24,9 @@ ROWS = 8_000
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Noise of the torque channel: variance of an orthonormal cosine coefficient, (N m)^2.
+    """Noise of the torque channel: variance of an orthonormal cosine coefficient, (N m)^2."""
 
-    It stands at increasing frequencies, Hz; white noise has a single one.
-    """
-
-    frequency_hz: FloatArray
+    frequency_hz: FloatArray  # increasing; white noise has a single one
     power_nm2: FloatArray
 
     @classmethod
@@ -51,28 +48,20 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A motion in blocks, with all that brings columns of a cause to white rows.
-
-    `few` are the drawn samples alone, `course` these with what of the others causes that remember
-    need; `rows` and `places` say where they are in `motion` and in `course`, `weights` the inverse
-    root of the probability with which each was drawn. `edges` are the first sample of each block
-    and the end. Where the noise is not white, `bands` hold the cosine transform of each block.
-    `base` are the white rows of the baseline, the zero first. `homes` and `domains` keep on which
-    motion each cause is computed, and the bounds of its shapes.
-    """
+    """A motion in blocks, with all that brings columns of a cause to white rows."""
 
     motion: Motion
-    few: Motion
-    course: Motion
-    rows: NDArray[np.intp]
-    places: NDArray[np.intp]
-    weights: FloatArray
+    few: Motion  # the drawn samples alone
+    course: Motion  # these with what of the others causes that remember need
+    rows: NDArray[np.intp]  # where the drawn samples are in `motion`
+    places: NDArray[np.intp]  # where they are in `course`
+    weights: FloatArray  # inverse root of the probability with which each was drawn
     noise: Noise
-    edges: NDArray[np.intp]
-    bands: tuple[Bands, ...]
-    base: FloatArray
-    homes: dict[str, int] = field(default_factory=dict)
-    domains: dict[str, dict[str, Bounds]] = field(default_factory=dict)
+    edges: NDArray[np.intp]  # first sample of each block, and the end
+    bands: tuple[Bands, ...]  # cosine transform of each block in noise that is not white
+    base: FloatArray  # white rows of the baseline, the zero first
+    homes: dict[str, int] = field(default_factory=dict)  # on which motion a cause is computed
+    domains: dict[str, dict[str, Bounds]] = field(default_factory=dict)  # bounds of its shapes
 
     @property
     def ends(self) -> NDArray[np.intp]:
@@ -146,18 +135,15 @@ def make_frame(
     n_rows: int = ROWS,
     edges: Sequence[int] = (),
 ) -> Frame:
-    """Return the frame of a motion, in blocks that begin at `edges` where there are any.
-
-    One row is drawn from every stretch of equal probability, and weighted by the inverse root of
-    its own, so that products of rows are those of the whole record on average. The draw has a
-    fixed seed. In noise that is not white every sample of a block is transformed instead.
-    """
+    """Return the frame of a motion, in blocks that begin at `edges` where there are any."""
     if motion.simulated_nm is None:
         # for causes that act on the whole signal
         motion = with_signal(motion, BenchModel.from_profile(profile).torque_nm)
     noise = noise or Noise.white(max(profile.sensor.noise_nm, np.finfo(float).tiny))
     chance = _chance(motion, n_rows)
     reached = np.cumsum(chance)
+    # one row of every stretch of equal probability, weighted by the inverse root of its own:
+    # products of rows are those of the whole record on average
     strata = np.arange(max(1, round(reached[-1])))
     places = strata + np.random.default_rng(20250101).random(len(strata))
     index = np.searchsorted(reached, places * (reached[-1] / len(strata)), side="right")
@@ -188,17 +174,15 @@ def _baseline(motion: Motion, profile: ProfileData) -> FloatArray:
 
 
 def _chance(motion: Motion, n_rows: int) -> FloatArray:
-    """Return the probability with which each sample is drawn.
-
-    Half of the rows evenly over the record, a quarter where the motor accelerates, a quarter where
-    it is slow: there friction, hysteresis and inertia differ from everything else.
-    """
+    """Return the probability with which each sample is drawn."""
     valid = motion.valid.astype(np.float64)
     count = float(valid.sum())
     if count <= n_rows:
         return valid
     accelerating = np.where(motion.valid, np.abs(motion.acceleration_rad_s2), 0.0)
     slow = motion.valid & (np.abs(motion.velocity_rad_s) < 20.0)
+    # half evenly over the record, a quarter where the motor accelerates, a quarter where it is
+    # slow: there friction, hysteresis and inertia differ from everything else
     chance = 0.5 * valid / count
     for where in (accelerating, slow.astype(np.float64)):
         total = float(where.sum())
@@ -207,12 +191,9 @@ def _chance(motion: Motion, n_rows: int) -> FloatArray:
 
 
 def _course(motion: Motion, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the samples on which a cause that remembers is computed.
-
-    The rows, every eighth sample between them, and wherever the load jumps by a hundredth of its
-    range or a stretch begins.
-    """
+    """Return the samples on which a cause that remembers is computed."""
     needed = np.zeros(len(motion), dtype=bool)
+    # every eighth sample, and wherever the load jumps or a stretch begins
     needed[::8] = True
     needed[rows] = True
     load, step = motion.applied_nm, np.diff(motion.time_s)

@@ -13,28 +13,16 @@ from hdbench.errors import UsageError
 from hdbench.model.waves import MAX_PARTS
 from hdbench.profile.schema import ProfileData
 
-# speeds that should be equal come from sums of a few terms of a file
-_SAME_SPEED = 1e-9
-# numbers travel as 32-bit floats, and a limit or a cycle given with few digits is meant to be met
+# numbers travel as 32-bit floats and are sums of a few terms of a file: a limit, a cycle or an
+# equal speed that is given with few digits is meant to be met
 _ROUNDING = 1e-6
 
 
 def check_motion_plan(plan: MotionPlan, profile: ProfileData) -> list[UsageError]:
-    """Return every way in which a plan leaves what the bench may do.
+    """Return every way in which a plan leaves what the bench may do; empty where it does not.
 
-    Parameters
-    ----------
-    plan : MotionPlan
-        What is asked for.
-    profile : ProfileData
-        Limits, servo and sampling period.
-
-    Returns
-    -------
-    list of UsageError
-        Speed, acceleration, reference volts, torque, total duration, jumps of the speed, motion
-        while locked, a plan that does not end at rest, or one with more parts than a node keeps.
-        NaN fails every comparison.
+    Speed, acceleration, reference volts, torque, duration, jumps of the speed, motion while locked,
+    no rest at the end, more parts than a node keeps. NaN fails every comparison.
     """
     check = _Check(profile, "")
     speed, locked = 0.0, False
@@ -45,7 +33,7 @@ def check_motion_plan(plan: MotionPlan, profile: ProfileData) -> list[UsageError
             fix = "use a lighter weight"
             check.limit("torque", abs(step.torque_nm), "N m", "limits.torque_nm", fix)
             what = f"a load step at {speed:g} rad/s; needed: the motor at rest"
-            check.need(abs(speed) <= _SAME_SPEED, what, "put a ramp to 0 before it")
+            check.need(abs(speed) <= _ROUNDING, what, "put a ramp to 0 before it")
         else:
             check.segment(step, speed, locked)
             speed = step.end_speed_rad_s(speed)
@@ -53,7 +41,7 @@ def check_motion_plan(plan: MotionPlan, profile: ProfileData) -> list[UsageError
     check.limit("duration", plan.duration_s, "s", "limits.duration_s")
     check.need(bool(plan.segments), "no segment; needed: at least one", "add a segment")
     what = f"the plan ends at {speed:g} rad/s; needed: rest"
-    check.need(abs(speed) <= _SAME_SPEED, what, "end it with a ramp to 0")
+    check.need(abs(speed) <= _ROUNDING, what, "end it with a ramp to 0")
     counts = [sum(1 + (s.kind == "sweep") for s in stage.segments) for stage in plan_stages(plan)]
     parts = max(counts, default=0)
     what = f"{parts} parts without a load step between them; needed: at most {MAX_PARTS}"
@@ -95,7 +83,7 @@ class _Check:
         self.limit("reference", volts, "V", "limits.reference_v")
         self.limit("acceleration", acceleration, "rad/s^2", "servo.max_acceleration_rad_s2")
         expected = 0.0 if kind == "rest" else target
-        jump = kind in ("hold", "rest") and not abs(before - expected) <= _SAME_SPEED
+        jump = kind in ("hold", "rest") and not abs(before - expected) <= _ROUNDING
         what = f"a {kind} at {expected:g} rad/s after {before:g} rad/s is a jump"
         self.need(not jump, what, "put a ramp before it")
         cycles = segment.frequency_hz * length

@@ -16,8 +16,6 @@ from hdbench.records.jsonfile import dumps, read_json
 from hdbench.records.storage import file_bytes, write_atomic
 
 PLAN_SCHEMA = "hdbench/plan/1"
-# a plan of two hours in steps of ten seconds has 720 entries and 60 kB
-_LIMIT_BYTES, _MAX_STEPS, _MAX_TEXT = 256_000, 1000, 400
 # far outside of what any bench does: bounds errors of the file; the profile's limits come later
 _NUMBERS = {
     "duration_s": (86_400.0, "s"),
@@ -70,39 +68,16 @@ def _lines(table: Mapping[str, Any]) -> str:
 
 
 def write_plan(path: Path, plan: MotionPlan) -> None:
-    """Write a plan file, as JSON where the name ends so and as TOML elsewhere.
-
-    Parameters
-    ----------
-    path : Path
-        File.
-    plan : MotionPlan
-        Plan.
-    """
+    """Write a plan file, as JSON where the name ends so and as TOML elsewhere."""
     as_json = path.suffix.lower() == ".json"
     text = dumps(plan_to_dict(plan)) if as_json else plan_text(plan)
     write_atomic(path, text.encode("utf-8"))
 
 
 def read_plan(path: Path) -> MotionPlan:
-    """Read a plan file; its numbers are held against no bench yet.
-
-    Parameters
-    ----------
-    path : Path
-        A TOML file, or a JSON file whose name ends in ``.json``.
-
-    Returns
-    -------
-    MotionPlan
-
-    Raises
-    ------
-    DataError
-        If the file cannot be read or is no plan; ``problems`` holds every problem with file, key
-        and, for TOML, line.
-    """
-    raw = file_bytes(path, limit=_LIMIT_BYTES, what="plan file")
+    """Read a plan file, against no bench yet; `DataError` holds every problem with file and key."""
+    # a plan of two hours in steps of ten seconds has 720 entries and 60 kB
+    raw = file_bytes(path, limit=256_000, what="plan file")
     if path.suffix.lower() == ".json":
         return _Reader(path, {}).plan(read_json(path))
     try:
@@ -132,10 +107,10 @@ class _Reader:
         name = self.value((), "name", body, self.path.stem)
         purpose = self.value((), "purpose", body, "")
         entries = body.get("segments")
-        if not isinstance(entries, list) or not 1 <= len(entries) <= _MAX_STEPS:
+        if not isinstance(entries, list) or not 1 <= len(entries) <= 1000:
             shown = f"{len(entries)} entries" if isinstance(entries, list) else "no list"
-            needed = f"1 to {_MAX_STEPS} tables [[segments]]"
-            raise self.error(("segments",), f"found {shown}; needed: {needed}")
+            what = f"found {shown}; needed: 1 to 1000 tables [[segments]]"
+            raise self.error(("segments",), what)
         steps = [self.step(("segments", index), entry) for index, entry in enumerate(entries)]
         if self.problems:
             first, what = self.problems[0], "; ".join(each.what for each in self.problems[:5])
@@ -179,8 +154,8 @@ class _Reader:
         elif key == "locked":
             needed, good = "true or false", isinstance(value, bool)
         else:
-            needed = f"text in one line of at most {_MAX_TEXT} characters"
-            good = isinstance(value, str) and len(value) <= _MAX_TEXT and value.isprintable()
+            needed = "text in one line of at most 400 characters"
+            good = isinstance(value, str) and len(value) <= 400 and value.isprintable()
         if good:
             return float(value) if number else value
         absent = "missing" if key in _NUMBERS else "found nothing"

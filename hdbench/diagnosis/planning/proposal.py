@@ -38,16 +38,12 @@ _LEAST_GAIN = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """An ordered pair of names: shall the first be told from the second.
-
-    `before` and `after` are the share of the first that the second cannot imitate, on the given
-    motion and on the proposed one; None where either cannot be seen there.
-    """
+    """An ordered pair of names: shall the first be told from the second."""
 
     first: str
     second: str
-    before: float | None
-    after: float | None
+    before: float | None  # share that the second cannot imitate on the given motion, if seen
+    after: float | None  # on the proposed one
 
     @property
     def separated(self) -> bool:
@@ -198,13 +194,10 @@ class _Weights:
             self.sigmas[effect.name] = max(sigma, self.sigmas.get(effect.name, 0.0))
 
     def score(self, chosen: Sequence[int]) -> FloatArray:
-        """Return how well blocks tell each pair apart, 0 to 2: by evidence and by share.
-
-        A pair counts up to its expected evidence, half the squared size times its share, of 43.2
-        nats: a name is wrong with 1 % at 10.8 nats (d sin(gamma) = 4.65), and four times that leave
-        room for an effect of half the size. And up to twice the share that is told apart, for what
-        the shapes of names lack.
-        """
+        """Return how well blocks tell each pair apart, 0 to 2: by evidence and by share."""
+        # a pair counts up to evidence of 43.2 nats: a name is wrong with 1 % at 10.8 nats, that is
+        # d sin(gamma) = 4.65, four times that leave room for an effect of half the size; and up
+        # to twice the share that is told apart, for what the shapes of names lack
         scores: dict[Names, float] = {}
         # what the baseline holds is compared beside the zero alone
         for held in (False, True):
@@ -238,15 +231,12 @@ def propose(
     noise: Noise | None = None,
     progress: Told = silent,
 ) -> Proposal:
-    """Propose the run that tells ordered pairs of names apart, and compute how well it does.
-
-    `at_hand` is the run at hand, or how alike the effects are there; `duration_s` the budget of
-    sampled time. Loads are asked for only where motion alone does not do.
-    """
+    """Propose the run of a length that tells pairs of names apart, and say how well it does."""
     if isinstance(at_hand, Motion):
         at_hand = compare(at_hand, effects, profile, noise=noise)
     question = _Question(tuple(effects), tuple(pairs), profile, noise, duration_s, progress)
     choice = question.answer(loads=False)
+    # loads are asked for only where motion alone does not do
     open_pairs = choice.open(pairs) if loads else ()
     if open_pairs:
         asked = {name for pair in open_pairs for name in pair}
@@ -306,10 +296,7 @@ def effects_named(names: Iterable[str]) -> tuple[Effect, ...]:
 def effects_of_causes(
     causes: Sequence[NamedCause], *, extra: Sequence[Cause] = ()
 ) -> tuple[tuple[Effect, ...], tuple[Names, ...]]:
-    """Return what a diagnosis result leaves open: effects with the shapes found, and pairs.
-
-    The pairs are both orders of each cause's name with every other name of its group and rivals.
-    """
+    """Return what a diagnosis leaves open: effects with the shapes found, and pairs both ways."""
     known = catalogue(extra)
     effects: dict[str, Effect] = {}
     pairs: dict[Names, None] = {}
@@ -337,10 +324,7 @@ def _found_effect(cause: Cause, parameters: Mapping[str, ParameterValue]) -> Eff
 
 
 def settled_by(first: Cause, second: Cause) -> str:
-    """Return what settles a pair that torque and angle cannot tell apart, in words.
-
-    The channel that decides where they arise in different ones, else the catalogue's experiment.
-    """
+    """Return what settles a pair that torque and angle cannot tell apart, in words."""
     ranks = {"mechanical": 0, "kinematic": 1}
     one, other = sorted((first, second), key=lambda cause: ranks.get(cause.channel, 2))
     if one.channel == "mechanical" != other.channel:
@@ -360,22 +344,6 @@ def plan_for_causes(
     motion: Motion | None = None,
     extra: Sequence[Cause] = (),
 ) -> Proposal | None:
-    """Return the run that settles what a diagnosis leaves open; None where nothing is.
-
-    Parameters
-    ----------
-    causes : sequence of NamedCause
-        Causes of a diagnosis.
-    profile : ProfileData
-        Bench.
-    motion : Motion or None
-        Motion of the diagnosed record.
-    extra : sequence of Cause
-        Causes beside the catalogue.
-
-    Returns
-    -------
-    Proposal or None
-    """
+    """Return the run that settles what a diagnosis leaves open; None where nothing is."""
     effects, pairs = effects_of_causes(causes, extra=extra)
     return propose(effects, pairs, profile, at_hand=motion) if pairs else None

@@ -48,38 +48,12 @@ def plan_report(
 ) -> tuple[dict[str, Any], MotionPlan | None]:
     """Say what the run at hand tells apart, and which run tells apart what is asked for.
 
-    Parameters
-    ----------
-    profile : Profile
-        Bench.
-    progress : callable
-        Told what is going on and the share done.
-    causes : tuple of str
-        Names to be told apart; all of the catalogue where empty.
-    of : Path or None
-        Run or trace at hand; the profile's ripple run where None.
-    result : Path or None
-        Diagnosis (result file or run folder) whose open names are to be told apart.
-    protocol : str or None
-        Protocol to take instead of proposing one.
-    duration_s : float or None
-        Budget of sampled time, s; 180 where None.
-    loads : bool
-        Whether an operator can put loads on.
-
-    Returns
-    -------
-    report : dict
-        What ``--json`` prints, without schema, version and profile.
-    plan : MotionPlan or None
-        The proposed run; None where no run of this bench tells anything apart.
-
-    Raises
-    ------
-    DataError
-        If a name is unknown, or an input cannot be read.
-    UsageError
-        If there is no such protocol, or nothing is open in the diagnosis.
+    `causes` are names to be told apart, all of the catalogue where empty; `of` is a run or trace at
+    hand, the profile's ripple run where None; `result` a diagnosis (file or folder) whose open
+    names are to be told apart; `protocol` one to take, not to propose; `loads` says whether
+    an operator can put loads on. Returned are what ``--json`` prints, without schema, version and
+    profile, and the run, None where none of this bench tells anything apart. `DataError` for an
+    unknown name or input, `UsageError` where there is no such protocol or nothing is open.
     """
     bench = profile.data
     stored = None

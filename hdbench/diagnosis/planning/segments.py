@@ -125,14 +125,7 @@ def program_of(stage: Stage, profile: ProfileData) -> ReferenceProgram:
 
 
 def planned_trace(plan: MotionPlan, profile: ProfileData) -> Trace:
-    r"""Return the record of a plan within the limits that a bench without noise would measure.
-
-    The velocity follows the reference through :math:`\dot\omega = \mathrm{clip}(2 \pi f_b
-    (k u - \omega), \pm\alpha_{max})`, solved in closed form over every sampling period but for
-    the one in which the limit is left. While the wave generator is locked the output stands at the
-    step's position and the motor angle at N times that, as for readings of a calibration. The
-    current is that of a motor without friction.
-    """
+    """Return the record of a plan within the limits that a bench without noise would measure."""
     period = profile.daq.sample_period_s
     count = plan.duration_s / period
     # more do not fit a gigabyte with everything that is computed from them
@@ -168,6 +161,8 @@ def _stage_columns(
     period, ratio, servo = profile.daq.sample_period_s, profile.drive.gear_ratio, profile.servo
     volts = program_voltage(program_of(stage, profile), period)
     velocity, travelled = _servo(profile, volts)
+    # a locked output stands at the step's position, the motor at N times that; the current is that
+    # of a motor without friction
     angle, torque, held = angle_rad + travelled, 0.0, 0.0
     if stage.load is not None:
         torque = stage.load.torque_nm
@@ -189,6 +184,8 @@ def _stage_columns(
 
 def _servo(profile: ProfileData, volts: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return velocity, rad/s, and angle travelled, rad, at every sample."""
+    # d velocity/dt = clip(2 pi bandwidth (wanted - velocity), +-greatest acceleration), solved in
+    # closed form over every period but the one in which the limit is left
     period, servo = profile.daq.sample_period_s, profile.servo
     rate, most = 2.0 * math.pi * servo.bandwidth_hz, servo.max_acceleration_rad_s2
     reached = -math.expm1(-rate * period)

@@ -29,9 +29,6 @@ _NOMINAL = {
     ("warm-up", "time_constant_s"): 60.0,
     ("stribeck-friction", "stribeck_rad_s"): 15.0,
 }
-# points of a grid along each shape, for one, two and more shapes together, and the same for causes
-# that need more samples than the rows; places in between are tried afterwards
-_POINTS = ((25, 7, 3), (13, 5, 3), (9, 3, 3))
 # points of a line's spectrum per resolution cell: between two of them it keeps 81 % of its power
 _PER_CELL = 2.0
 
@@ -104,7 +101,10 @@ def fitted_shape(shape: Shape, bounds: Mapping[str, Bounds], time_s: FloatArray)
 def shape_axes(cause: Cause, frame: Frame, home: int) -> dict[str, Axis]:
     """Return the grid along each shape parameter; of a line a step of its spectrum."""
     bounds = frame.bounds(cause)
-    count = _POINTS[home][min(len(bounds), 3) - 1]
+    # points along each shape, for one, two and more shapes together, fewer for causes that need
+    # more samples; places in between are tried afterwards
+    points = ((25, 7, 3), (13, 5, 3), (9, 3, 3))[home]
+    count = points[min(len(bounds), 3) - 1]
     axes = {}
     for name, bands in bounds.items():
         by_ratio = False
@@ -184,11 +184,7 @@ def line_shapes(
 def _line_spectrum(
     frame: Frame, key: str, top: float, left: FloatArray, kept: slice
 ) -> tuple[float, FloatArray]:
-    """Return the spectrum of weighted rows over angle or time up to an order or frequency.
-
-    First comes how many points there are per unit of order or frequency, then about the share of
-    the rows that a line at each point holds.
-    """
+    """Return points per unit of order or frequency, and the share that a line at each one holds."""
     from scipy.fft import next_fast_len, rfft
 
     # time without the pauses at load steps: what they add is tried beside each place
