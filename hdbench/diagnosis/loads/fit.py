@@ -311,8 +311,9 @@ def _refined(terms: tuple[Term, ...], base: FloatArray, table: LoadTable) -> tup
 
     at = [share_of(terms[i].shape[name], low, high) for i, name, low, high in free]
     start = np.clip(at, 0.0, 1.0)
+    steps = [1e-4] * len(free)
     # refinement ends after this many steps: grids start it within a fifth of where it ends
-    found = least_squares(residual, start, bounds=(0.0, 1.0), diff_step=1e-4, max_nfev=30)
+    found = least_squares(residual, start, bounds=(0.0, 1.0), diff_step=steps, max_nfev=30)
     before = residual(start)
     return moved(found.x) if 2.0 * found.cost < float(before @ before) else terms
 
