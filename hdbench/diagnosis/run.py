@@ -18,13 +18,7 @@ from hdbench.diagnosis.planning import plan_for_causes, write_plan
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.diagnosis.together import diagnose_together
 from hdbench.errors import DataError, UsageError
-from hdbench.model import (
-    BenchModel,
-    load_model,
-    motion_from_trace,
-    save_model,
-    user_causes,
-)
+from hdbench.model import BenchModel, load_model, motion_from_trace, save_model, user_causes
 from hdbench.profile import Profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
@@ -142,17 +136,14 @@ def diagnose_run(
     Returns
     -------
     folder : Path
-        Run folder with ``result.json`` and, for a dynamic run, ``model.json``,
-        ``residual.csv`` and spectra.
+        Run folder with ``result.json`` and, for a dynamic run, model, residual and spectra.
     result : Diagnosis
         The result as ``result.json`` holds it.
 
     Raises
     ------
-    DataError
-        If the input cannot be read.
-    StorageError
-        If the folder cannot be written.
+    DataError, StorageError
+        If the input cannot be read, or the folder cannot be written.
     """
     chosen = options or DiagnosisOptions()
     asked = _asked(chosen, profile, progress)
@@ -180,28 +171,18 @@ def diagnose_runs_together(
     ----------
     sources : sequence of Path
         Run folders or traces, two or more, each named once.
-    profile : Profile
-        Bench.
-    out : Path
-        Parent folder of run folders.
-    options : DiagnosisOptions or None
-        Settings; the defaults where None.
-    progress : callable or None
-        Called with what is being done and the share done.
+    profile, out, options, progress : as by `diagnose_run`
+        The folder has one extended model of all.
 
     Returns
     -------
-    folder : Path
-        Run folder, with one extended model of all.
-    result : Diagnosis
-        The result as ``result.json`` holds it, with `records`.
+    tuple of Path and Diagnosis
+        As by `diagnose_run`; the result has `records`.
 
     Raises
     ------
     UsageError
         If there is one input only, one is there twice, or one holds calibration loads.
-    DataError, StorageError
-        As by `diagnose_run`.
     """
     chosen = options or DiagnosisOptions()
     most = MOST_SAMPLES // max(1, len(sources))

@@ -62,10 +62,9 @@ def diagnose_together(
     """Say what the simulation gets wrong on several records of one drive, and which record says so.
 
     Arguments are those of `diagnose_trace`, with a name for each trace; rates and lengths may
-    differ. `DataError` where fewer than two records can be used. Each record has its own baseline,
-    noise, torque channel, faults and samples left out. The columns of a shared cause run through
-    all records, so that its evidence adds, each record in the units of its own noise. The extended
-    model has what differs (zero, ripple, phases) from the first record that was used.
+    differ. Each record has its own baseline, noise, torque channel and faults; columns of a shared
+    cause run through all, so that its evidence adds. What differs in the extended model is that of
+    the first record. `DataError` where fewer than two records can be used.
     """
     task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
     report = progress or (lambda what, share: None)
@@ -100,13 +99,7 @@ def diagnose_together(
         findings_of(task, ready, piece, faults)
         for (_, ready), (piece, _), faults in zip(used, piece_searches(search), late, strict=True)
     ]
-    told = tell_together(
-        search,
-        task.given,
-        names,
-        rng,
-        [one.noise_variance for one in findings],
-    )
+    told = tell_together(search, task.given, names, rng, [one.noise_variance for one in findings])
     answers = [
         assemble(replace(one, search=piece), task.settings, rng, own)
         for one, (piece, own) in zip(findings, told.records, strict=True)
@@ -138,10 +131,7 @@ def _all_ready(
 
 # --- one answer of all
 def _joined(
-    task: Task,
-    told: Together,
-    every: Sequence[_Named],
-    by_name: dict[str, Diagnosis],
+    task: Task, told: Together, every: Sequence[_Named], by_name: dict[str, Diagnosis]
 ) -> Diagnosis:
     answers = list(by_name.values())
     # causes of one record alone, faults of its acquisition, have no voices yet

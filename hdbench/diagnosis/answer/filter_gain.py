@@ -18,8 +18,13 @@ from hdbench.results.diagnosis import BeforeAfter, FilterGain, GainedBlock, Name
 
 # causes at a whole multiple of the wave generator's or the output's turn that have no order in
 # their parameters
-_MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
-_OUTPUT_ORDERS = {"misalignment": 1.0, "load-gravity": 1.0, "angular-misalignment": 2.0}
+_OF_TURNS: dict[str, tuple[Any, float]] = {
+    "wave-generator-eccentricity": ("ripple", 1.0),
+    "motor-unbalance": ("ripple", 1.0),
+    "misalignment": ("misalignment", 1.0),
+    "load-gravity": ("misalignment", 1.0),
+    "angular-misalignment": ("misalignment", 2.0),
+}
 # orders that are no torque ripple but tones of the clock need a block of another kind
 _RIPPLE_NAMES = ("ripple-harmonic", "bearing-defect", "cogging")
 
@@ -39,10 +44,9 @@ def further_blocks(causes: Sequence[NamedCause], base: FilterModel) -> tuple[Osc
 
 
 def _place(cause: NamedCause, gear_ratio: float) -> tuple[float | None, Any]:
-    if cause.name in _OUTPUT_ORDERS:
-        return _OUTPUT_ORDERS[cause.name] / gear_ratio, "misalignment"
-    if cause.name in _MOTOR_ORDERS:
-        return _MOTOR_ORDERS[cause.name], "ripple"
+    if cause.name in _OF_TURNS:
+        role, order = _OF_TURNS[cause.name]
+        return order if role == "ripple" else order / gear_ratio, role
     order = cause.parameters.get("order") if cause.name in _RIPPLE_NAMES else None
     return None if order is None else order.value, "ripple"
 
@@ -101,11 +105,7 @@ def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> FloatArray:
 def _target(motion: Motion, found: Diagnosis) -> FloatArray:
     """Return what a filter should leave: the extended model without lines, N m."""
     model = found.model
-    causes = tuple(
-        term
-        for term in model.causes
-        if term.name not in (*_MOTOR_ORDERS, *_OUTPUT_ORDERS, *_RIPPLE_NAMES)
-    )
+    causes = tuple(term for term in model.causes if term.name not in (*_OF_TURNS, *_RIPPLE_NAMES))
     bare = replace(model, ripple=(), misalignment=(0.0, 0.0), causes=causes)
     return bare.torque_nm(motion)
 

@@ -19,10 +19,8 @@ _SPECTRUM_FILES = {
     "frequency": ("frequency_spectrum.csv", "frequency_hz"),
 }
 # bins of a map: enough to show a kink of a friction curve, few enough that each holds hundreds of
-# samples of a record of a minute; one with fewer than eight has no spread of its own
-_BINS, _LEAST = 48, 8
-# codes of a converter are counted modulo 32: the five lowest bits show stuck and missing ones
-_CODES = 32
+# samples of a record of a minute
+_BINS = 48
 
 
 def write_pictures(folder: Path, pictures: Pictures) -> list[str]:
@@ -52,12 +50,7 @@ def write_table(path: Path, columns: Columns) -> None:
 
 
 def residual_maps(pictures: Pictures) -> dict[str, dict[str, FloatArray]]:
-    """Return the residual in bins of time, speed, acceleration, torque and angles, by domain.
-
-    Columns are the mean of the quantity, samples, and the mean residual before and after with its
-    standard deviation, were the samples independent; in the domain ``variance`` the root mean
-    square. A quantity that is constant has no map.
-    """
+    """Return the residual in bins of time, speed, acceleration, torque and angles, by domain."""
     return {
         domain: columns
         for domain, name, values, bins in _binned(pictures)
@@ -105,7 +98,8 @@ def _map(
         return {}
     chosen, index = values[good], bins[good].astype(np.intp)
     count = np.bincount(index).astype(float)
-    kept = count >= _LEAST
+    # fewer than eight samples have no spread of their own
+    kept = count >= 8
     # a spread of less than 1e-9 of the size is rounding
     if not np.ptp(chosen) > 1e-9 * float(np.abs(chosen).max()) or int(kept.sum()) < 2:
         return {}
@@ -114,6 +108,7 @@ def _map(
     def mean(x: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(index, weights=x, minlength=len(count)) / count)
 
+    # standard deviations as if the samples were independent; of the variance the root mean square
     columns = {name: mean(chosen), "samples": count}
     for when in ("before", "after"):
         left = getattr(pictures, f"residual_{when}_nm")[good]
@@ -129,10 +124,11 @@ def _map(
 
 def code_map(torque_v: FloatArray, step_v: float) -> dict[str, FloatArray]:
     """Count the codes of a converter modulo 32."""
+    # the five lowest bits show stuck and missing codes
     codes = np.round(torque_v[np.isfinite(torque_v)] / step_v).astype(np.int64)
-    counts = np.bincount(np.mod(codes, _CODES), minlength=_CODES).astype(float)
+    counts = np.bincount(np.mod(codes, 32), minlength=32).astype(float)
     return {
-        "code_modulo_32": np.arange(_CODES, dtype=float),
+        "code_modulo_32": np.arange(32, dtype=float),
         "samples": counts,
         "share": counts / max(1.0, float(counts.sum())),
     }

@@ -8,18 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from hdbench.diagnosis.discovery.dictionary import PASSED
 from hdbench.model import Cause, Motion, shape_bounds
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import Testable
 
-# points at which columns are formed (1 ms a cause), in 32 stretches of the motion, fewer where they
-# are long
-_POINTS = 16_384
-# with less than a tenth of its power inside the bandwidth, an effect must be three times as large
-_INSIDE = 0.1
-# middle, low and high of the shapes that this record can tell apart, as shares of their domain; not
-# its very ends, where a step is one sample
-_SHAPES = (0.5, 0.1, 0.9)
 # causes without columns whose power is spread up to half the sampling rate
 _WHITE = frozenset({"quantisation", "spikes", "speed-dependent-noise"})
 _ANGLES = frozenset({"motor_angle_rad", "encoder_count", "motor_velocity_rad_s", "tacho_v"})
@@ -59,12 +52,9 @@ def testable(
 ) -> tuple[Testable, ...]:
     """Say of each cause whether this record can show it.
 
-    Notes
-    -----
-    A cause must apply to the motion (`Cause.applicable`). Its columns, at a low, a middle and a
-    high shape, must change on stretches of this motion, and hold a tenth of their power below the
-    bandwidth of the torque. Causes without columns are noise, which is white, or faults of angle
-    and clock, which a ripple of order 2 or a second channel shows.
+    Its columns, at a low, a middle and a high shape, must change on stretches of this motion and
+    hold a tenth of their power in the torque's band. Causes without columns are white noise or
+    faults of angle and clock, shown by a ripple of order 2 or a second channel.
     """
     torque = _torque(torque_bandwidth_hz, rate_hz, held_share, torque_step_nm, torque_noise_nm)
     # two channels of the motion that do not come from one another
@@ -101,11 +91,13 @@ def _stretches(motion: Motion, torque: _Torque) -> tuple[Motion, int]:
     # where nothing limits the torque it only has to change
     length = 256 if torque.whole else int(8.0 * torque.rate_hz / torque.bandwidth_hz) + 2
     length = min(length, 4096, count)
-    most = _POINTS // (length * 32)
+    # points at which columns are formed (1 ms a cause), in 32 stretches, fewer where they are long
+    points = 16_384
+    most = points // (length * 32)
     # points are up to 16 times finer than the samples, and at random times: a line above half the
     # sampling rate is spread, not taken for its alias
     finer = 1 if torque.whole else min(max(most, 1), 16)
-    parts = min(max(8, _POINTS // (length * finer)), count // length)
+    parts = min(max(8, points // (length * finer)), count // length)
     begins = np.linspace(0, count - length, parts).round()
     inside = np.arange(float(length))
     if not torque.whole:
@@ -149,11 +141,21 @@ def _additive(cause: Cause, motion: Motion, part: Motion, points: int, torque: _
     if empty is not None:
         return Testable(cause.name, False, f"no {empty} of its domain can be seen on this record")
     looks = []
-    for at in _SHAPES if cause.shape else _SHAPES[:1]:
+    # middle, low and high of the shapes that this record can tell apart, as shares of their domain;
+    # not its very ends, where a step is one sample
+    for at in (0.5, 0.1, 0.9) if cause.shape else (0.5,):
         looks.append(_look(cause.columns(part, _shape(cause, bounds, at)), part, points, torque))
         if torque.whole and looks[-1].changes:
             break
-    return _judged(cause.name, looks, torque)
+    seen = [look for look in looks if look.changes]
+    if not seen:
+        same = "it is the same all along this record; needed: a change, else it is a zero"
+        return Testable(cause.name, False, same)
+    hidden = [look for look in seen if look.inside < PASSED]
+    if len(hidden) == len(seen):
+        return Testable(cause.name, False, torque.hides(min(one.from_hz for one in hidden)))
+    words = f"{torque.limit}; what stands above is not seen"
+    return Testable(cause.name, True, words if hidden else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,20 +191,6 @@ def _look(columns: FloatArray, part: Motion, points: int, torque: _Torque) -> _L
     return _Look(True, float(inside[best]), float(from_hz))
 
 
-def _judged(name: str, looks: list[_Look], torque: _Torque) -> Testable:
-    """Return the answer for the shapes that were looked at, the typical one first."""
-    seen = [look for look in looks if look.changes]
-    if not seen:
-        return Testable(
-            name, False, "it is the same all along this record; needed: a change, else it is a zero"
-        )
-    hidden = [look for look in seen if look.inside < _INSIDE]
-    if len(hidden) == len(seen):
-        return Testable(name, False, torque.hides(min(one.from_hz for one in hidden)))
-    words = f"{torque.limit}; what stands above is not seen"
-    return Testable(name, True, words if hidden else "")
-
-
 def _other(cause: Cause, part: Motion, points: int, torque: _Torque, second: bool) -> Testable:
     """Judge a cause without columns: noise, or a fault of angle, velocity or clock."""
     if cause.change_motion is not None:
@@ -210,7 +198,7 @@ def _other(cause: Cause, part: Motion, points: int, torque: _Torque, second: boo
     # steps that are seen are there at any bandwidth
     stepped = cause.name == "quantisation" and torque.step_nm > 0.0
     share = torque.bandwidth_hz / (0.5 * torque.rate_hz)
-    if cause.name in _WHITE and not stepped and not torque.whole and share < _INSIDE:
+    if cause.name in _WHITE and not stepped and not torque.whole and share < PASSED:
         return Testable(cause.name, False, torque.hides(0.05 * torque.rate_hz))
     # noise that is less than a fifth of a step of the readings moves one reading in eighty
     if cause.locked_to == "velocity" and torque.noise_nm < 0.2 * torque.step_nm:
@@ -232,7 +220,7 @@ def _of_motion(cause: Cause, part: Motion, points: int, torque: _Torque, second:
         return Testable(cause.name, False, f"{alone}; needed: an angle beside the velocity")
     angle = 2.0 * part.angle_rad
     ripple = _look(np.column_stack((np.cos(angle), np.sin(angle))), part, points, torque)
-    if ripple.changes and ripple.inside >= _INSIDE:
+    if ripple.changes and ripple.inside >= PASSED:
         return Testable(cause.name, True)
     return Testable(
         cause.name, False, f"{alone}; the torque shows no ripple whose phase would jump"

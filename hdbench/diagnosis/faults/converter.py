@@ -142,11 +142,9 @@ def coarse_steps(values: FloatArray) -> Steps | None:
 
 
 def step_of(values: FloatArray) -> float:
-    """Return the step of a channel's values; 0 where they lie on no grid that can be seen.
-
-    The levels of a fast channel are too many to be met twice; those of its changes are not.
-    """
+    """Return the step of a channel's values; 0 where they lie on no grid that can be seen."""
     known = values[np.isfinite(values)]
+    # levels of a fast channel are too many to be met twice; those of its changes are not
     for _ in range(3):
         steps = coarse_steps(known)
         if steps is not None:

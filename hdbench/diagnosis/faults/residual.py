@@ -115,10 +115,7 @@ def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray
 
 
 def _speed_noise(
-    residual_nm: FloatArray,
-    whitened: FloatArray,
-    used: NDArray[np.bool_],
-    motion: Motion,
+    residual_nm: FloatArray, whitened: FloatArray, used: NDArray[np.bool_], motion: Motion
 ) -> tuple[SpeedNoise | None, tuple[Fault, ...]]:
     """Return the law of noise that grows with the square of the speed, by greatest likelihood."""
     left, rows = _innovations(whitened, used & np.isfinite(motion.velocity_rad_s))

@@ -24,22 +24,18 @@ _TRIM = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Shaft:
-    """Motor angle and velocity side by side.
-
-    `moves_rad` are the n - 1 increments of the angle, `good` those between present neighbours
-    without a gap, `steps_s` the times between the samples: those of the stamps, or even ones where
-    the shaft says that the sampling was even and the stamps were not. `count_rad` is the angle's
-    smallest step, `names` are angle and velocity.
-    """
+    """Motor angle and velocity side by side."""
 
     time_s: FloatArray
+    # between the samples: those of the stamps, or even ones where the shaft says that the sampling
+    # was even and the stamps were not
     steps_s: FloatArray
     angle_rad: FloatArray
     velocity_rad_s: FloatArray
-    moves_rad: FloatArray
-    good: NDArray[np.bool_]
-    count_rad: float
-    names: tuple[str, str]
+    moves_rad: FloatArray  # n - 1 increments of the angle
+    good: NDArray[np.bool_]  # increments between present neighbours without a gap
+    count_rad: float  # smallest step of the angle
+    names: tuple[str, str]  # of angle and velocity
 
     @property
     def period_s(self) -> float:

@@ -6,12 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.faults.fault import Fault, fault_over
-from hdbench.diagnosis.faults.scatter import (
-    ACCEPT_NATS,
-    CERTAIN_NATS,
-    fast_part,
-    least_squares,
-)
+from hdbench.diagnosis.faults.scatter import ACCEPT_NATS, CERTAIN_NATS, fast_part, least_squares
 from hdbench.diagnosis.faults.shaft import Shaft
 from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray

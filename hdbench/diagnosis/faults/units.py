@@ -6,14 +6,7 @@ import numpy as np
 
 from hdbench.diagnosis.faults.fault import Inspected
 from hdbench.diagnosis.faults.scatter import fast_part
-from hdbench.diagnosis.faults.shaft import (
-    ANGLES,
-    VELOCITIES,
-    Shaft,
-    scaled,
-    shaft_of,
-    velocity_of,
-)
+from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES, Shaft, scaled, shaft_of, velocity_of
 from hdbench.model import baseline_orders, integrate_velocity
 from hdbench.model.motion import torque_from_trace, velocity_slope
 from hdbench.profile.schema import ProfileData

@@ -10,21 +10,12 @@ from hdbench.diagnosis.faults.scatter import AROUND, bridged, mask_runs, tail_na
 from hdbench.diagnosis.faults.shaft import FAST
 from hdbench.records.trace import FloatArray
 
-# side lobes 220 dB down: a strong slow part must not hide an empty floor behind them
-_WINDOW = ("kaiser", 30)
-# samples of the longest segment of an average, and samples that two channels need
-_LONGEST, _FEWEST = 2048, 64
-
 
 def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = False) -> float:
-    """Return the share of samples that repeat the one before although the channel moves.
-
-    Notes
-    -----
-    A normal change of median size m is 0 on a grid q with probability 0.269 q / m. Counted are
-    equal neighbours in stretches with m above 8 q, in short runs that begin and end with a change
-    of 4 q, against that number by the Poisson law.
-    """
+    """Return the share of samples that repeat the one before although the channel moves."""
+    # a normal change of median size m is 0 on a grid q with probability 0.269 q / m. Counted are
+    # equal neighbours in stretches with m above 8 q, in short runs that begin and end with a change
+    # of 4 q, against that number by the Poisson law
     moves = np.diff(values)
     same = moves == 0.0
     if len(moves) < AROUND or not same.any() or same.all():
@@ -56,7 +47,7 @@ def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = 
 def same_noise(one: FloatArray, other: FloatArray) -> bool:
     """Return whether two channels are one, times a factor: they share their noise too."""
     good = np.isfinite(one) & np.isfinite(other)
-    if int(good.sum()) < _FEWEST:
+    if int(good.sum()) < 64:
         return False
     parts = [v[good] - uniform_filter1d(v[good], FAST) for v in (one, other)]
     sizes = [float(part @ part) for part in parts]
@@ -66,49 +57,37 @@ def same_noise(one: FloatArray, other: FloatArray) -> bool:
 
 
 def _side_by_side(one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray, int] | None:
-    """Return two channels that change, without what one of them lacks, and the segment to average.
-
-    None where they are too short for twelve segments.
-    """
+    """Return two channels that change, and the segment to average; None where too short."""
     good = np.isfinite(one + other)
     ranges = [float(np.ptp(v[good])) if good.any() else 0.0 for v in (one, other)]
-    if int(good.sum()) < 12 * _FEWEST or not min(ranges) > 0.0:
+    # twelve segments of 64 samples
+    if int(good.sum()) < 12 * 64 or not min(ranges) > 0.0:
         return None
     a, b = (bridged(np.where(good, v, np.nan)) for v in (one, other))
-    return a, b, min(_LONGEST, len(one) // 12)
+    return a, b, min(2048, len(one) // 12)
 
 
 def same_to_the_end(
     one: FloatArray, other: FloatArray, rate_hz: float, limit_hz: float | None
 ) -> bool:
-    """Return whether two channels agree up to the end of their band, where motion has none.
-
-    Notes
-    -----
-    Two sensors share the motion and no noise. Of K segments their coherence exceeds 1/2 by chance
-    with probability ``2^(1 - K)`` at each frequency; here the median of many has to.
-    """
+    """Return whether two channels agree up to the end of their band, where motion has none."""
     from scipy.signal import coherence  # half a second of every start
 
     both = _side_by_side(one, other)
     if both is None:
         return False
     a, b, size = both
-    frequency, shared = coherence(a, b, rate_hz, _WINDOW, nperseg=size)
+    # side lobes 220 dB down: a strong slow part must not hide an empty floor behind them
+    frequency, shared = coherence(a, b, rate_hz, ("kaiser", 30), nperseg=size)
     place = frequency / (limit_hz or 0.5 * rate_hz)
     end = shared[(place > 0.5) & (place < 0.9)]
+    # two sensors share the motion and no noise: of K segments their coherence exceeds 1/2 by chance
+    # with 2^(1 - K) at each frequency; here the median of many has to
     return bool(len(end) and float(np.median(end)) > 0.5)
 
 
 def delay_of(late: FloatArray, early: FloatArray, period_s: float) -> tuple[float, float] | None:
-    """Return by how much one channel is later than another, and its standard deviation, s.
-
-    Notes
-    -----
-    Slope of the phase of their cross spectrum, each frequency by its weight
-    ``2 K g^2 / (1 - g^2)``, K segments and coherence g^2 (Bendat and Piersol, Random Data, 9.2).
-    Noise of either channel does not turn the phase.
-    """
+    """Return by how much one channel is later than another, and its standard deviation, s."""
     from scipy.signal import coherence, csd
 
     both = _side_by_side(early, late)
@@ -120,6 +99,8 @@ def delay_of(late: FloatArray, early: FloatArray, period_s: float) -> tuple[floa
     used = (shared > 0.5) & (frequency > 0.0) & (frequency < 0.25 / period_s)
     if not used.any():
         return None
+    # slope of the phase, which noise of either channel does not turn, each frequency by its weight
+    # 2 K g^2 / (1 - g^2) of K segments and coherence g^2 (Bendat and Piersol, Random Data, 9.2)
     segments = 2.0 * len(a) / size - 1.0
     turn = 2.0 * np.pi * frequency[used]
     weight = 2.0 * segments * shared[used] / np.maximum(1.0 - shared[used], 1e-9)

@@ -7,16 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.diagnosis.faults.converter import piled_up, step_of, stuck_samples
+from hdbench.diagnosis.faults.converter import CHANCE, piled_up, step_of, stuck_samples
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES, Shaft, derivation, shaft_of
 from hdbench.diagnosis.faults.stamps import gap_steps, gaps_of
-from hdbench.diagnosis.inspection.channel import (
-    delay_of,
-    held_share,
-    same_noise,
-    same_to_the_end,
-)
+from hdbench.diagnosis.inspection.channel import delay_of, held_share, same_noise, same_to_the_end
 from hdbench.diagnosis.inspection.log import Log
 from hdbench.diagnosis.inspection.result import (
     ChannelFacts,
@@ -31,9 +26,6 @@ from hdbench.importing.convert import unlike_pace
 from hdbench.importing.units import unit_scale
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
-
-FALSE_ALARM = 1e-4
-"""Chance of any finding of a statistical kind on a log without a fault; shared by its tests."""
 
 _TORQUES = ("torque_nm", "torque_v")
 # a stamp that is off by one period turns a wave at half the Nyquist frequency by so many times its
@@ -73,45 +65,16 @@ _CONSEQUENCES = {
 
 
 def inspect_trace(trace: Trace, profile: ProfileData) -> Inspection:
-    """Say what a trace can tell.
-
-    Parameters
-    ----------
-    trace : Trace
-        Channels.
-    profile : ProfileData
-        Bench: counts of its encoder, gain of its tacho.
-
-    Returns
-    -------
-    Inspection
-    """
+    """Say what a trace can tell."""
     return inspect_log(Log.of_trace(trace), profile)
 
 
 def inspect_log(log: Log, profile: ProfileData) -> Inspection:
-    """Say what a log can tell; nothing is repaired.
-
-    Parameters
-    ----------
-    log : Log
-        Channels of one clock.
-    profile : ProfileData
-        Bench: counts of its encoder, gain of its tacho.
-
-    Returns
-    -------
-    Inspection
-
-    Notes
-    -----
-    Jitter, gaps and missing values are seen, not inferred. Held samples, limits and delays are
-    tests whose chances of a false alarm sum to `FALSE_ALARM`; an empty spectrum and shared noise
-    are far from what chance makes.
-    """
+    """Say what a log can tell on a bench, for its encoder and tacho; nothing is repaired."""
     shaft = _shaft(log, profile)
     sampling = _sampling(log, shaft)
-    alpha = FALSE_ALARM / (3.0 * max(1, len(log.channels)))
+    # held samples, limits and delays are tests: their chances sum to that of ten channels
+    alpha = 10.0 * CHANCE / (3.0 * max(1, len(log.channels)))
     looks = [_look(log, name, sampling.rate_hz, alpha) for name in log.channels]
     spectra = {facts.name: seen for facts, seen, _ in looks if seen is not None}
     facts = {one.name: one for one, _, _ in looks}

@@ -22,9 +22,6 @@ from hdbench.records.provenance import input_identity
 from hdbench.records.tables import TRACE_COLUMNS
 from hdbench.records.trace import FloatArray
 
-MOST_VALUES = 20_000_000
-"""Values that are looked at of one file, 160 MB: what they say of it, the rest says too."""
-
 KINDS = {
     "given": (("reference_v", "load_torque_nm", "torque_filtered_online_nm"), ()),
     "angle": (("motor_angle_rad", "encoder_count", "output_angle_rad"), ("rad",)),
@@ -92,26 +89,10 @@ def _with_origin(log: Log, path: Path) -> Log:
 
 
 def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) -> Log:
-    """Read a trace, or a log of another program.
+    """Read a trace, or a log of another program: the channels of the clock that has most of them.
 
-    Parameters
-    ----------
-    path : Path
-        Any file that the import reads.
-    topic, joint : str or None
-        Which channels of it.
-
-    Returns
-    -------
-    Log
-        Of the channels with the clock that has most of them.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged or holds no number.
-    UsageError
-        If its reader is not installed, or there is no such topic or joint.
+    `topic` and `joint` choose channels. `DataError` for a damaged file or one without a number,
+    `UsageError` where its reader is not installed or there is no such topic or joint.
     """
     path = Path(path)
     if path.suffix in _TRACES and path.is_file() and topic is None and joint is None:
@@ -138,7 +119,8 @@ def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) 
         clock = max(dict.fromkeys(clocks), key=clocks.count)
         own = [c for c in numbers if c.clock == clock]
         time = time_candidate(own)
-        most = MOST_VALUES // len(own)
+        # values of one file, 160 MB: what they say of it, the rest says too
+        most = 20_000_000 // len(own)
         values, _ = read_numbers(source, [c.name for c in own], most)
     time_s = None
     if time is not None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.faults.fault import flag_samples
 from hdbench.model.motion import Motion
 from hdbench.model.statics import experiment_numbers, motion_from_loads, reading_times
 from hdbench.profile.schema import ProfileData
@@ -74,12 +75,10 @@ def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[Str
     run = np.cumsum(np.concatenate(([True], ~same)))
     # this many equal readings in a row under different loads do not come from a live channel
     stuck = np.bincount(run)[run] >= 3
-    flags = []
+    flags: tuple[StretchFlag, ...] = ()
     for name, where in zip(_REASONS, (lost, ends, stuck), strict=True):
         used &= ~where
-        if where.any():
-            time = motion.time_s[where]
-            flags.append(StretchFlag(name, float(time[0]), float(time[-1]), int(where.sum())))
+        flags += flag_samples(name, motion.time_s, where)
     table = LoadTable(
         motion=motion,
         torque_nm=torque,
@@ -93,7 +92,7 @@ def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[Str
         falling=np.array([r.series == "down" for r in readings]),
         time_measured=reading_times(loads)[1],
     )
-    return table, tuple(flags)
+    return table, flags
 
 
 def _places(position_rad: FloatArray) -> IntArray:

@@ -16,13 +16,10 @@ from hdbench.records.trace import FloatArray, Trace
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One stretch of motor speed.
+    """One stretch of motor speed."""
 
-    Its kind is ``hold`` (speed kept), ``ramp`` (linear from the speed before to `speed_rad_s`),
-    ``sine`` (a sine about the speed before), ``sweep`` (linear to `speed_rad_s` and back) or
-    ``rest``.
-    """
-
+    # hold (speed kept), ramp (linear from the speed before to `speed_rad_s`), sine (about the speed
+    # before), sweep (linear to `speed_rad_s` and back) or rest
     kind: str
     duration_s: float  # above 0
     # kept by a hold, reached by a ramp, turned round at by a sweep, amplitude of a sine
