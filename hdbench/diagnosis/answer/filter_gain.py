@@ -45,8 +45,8 @@ def further_blocks(causes: Sequence[NamedCause], base: FilterModel) -> tuple[Osc
 
 def _place(cause: NamedCause, gear_ratio: float) -> tuple[float | None, Any]:
     if cause.name in _OF_TURNS:
-        role, order = _OF_TURNS[cause.name]
-        return order if role == "ripple" else order / gear_ratio, role
+        role, number = _OF_TURNS[cause.name]
+        return number if role == "ripple" else number / gear_ratio, role
     order = cause.parameters.get("order") if cause.name in _RIPPLE_NAMES else None
     return None if order is None else order.value, "ripple"
 
