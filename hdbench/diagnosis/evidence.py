@@ -62,6 +62,11 @@ def share_p_value(share: FloatArray | float, rank: int, dof: int) -> FloatArray:
     return np.asarray(betainc((dof - rank) / 2.0, rank / 2.0, np.clip(1.0 - share, 0.0, 1.0)))
 
 
+def any_of(p_value: FloatArray | float, trials: float) -> FloatArray:
+    """Return ``1 - (1 - p)^trials`` without loss for small p."""
+    return np.asarray(-np.expm1(trials * np.log1p(-np.minimum(p_value, 1.0 - 1e-16))))
+
+
 def marginal_nats(
     left: FloatArray, forms: FloatArray, dof: int, floor: float
 ) -> tuple[float, float]:

@@ -35,9 +35,9 @@ from hdbench.records import (
 from hdbench.results import ProfileName
 from hdbench.results.diagnosis import DiagnosedPart, SeparatingRun
 
+# samples of one diagnosis at most: ten minutes at 1 kHz, the longest records of the blind
+# benchmark; memory grows by some 4 kB a sample
 MOST_SAMPLES = 600_000
-"""Samples of one diagnosis at most: ten minutes at 1 kHz, the longest records of the blind
-benchmark. Memory grows by some 4 kB a sample."""
 
 
 def part_of(

@@ -42,9 +42,6 @@ from hdbench.results.diagnosis import (
     Testable,
 )
 
-LEFT_OUT = "record-left-out"
-"""Flag of a record that took no part."""
-
 
 def diagnose_together(
     traces: Sequence[Trace],
@@ -185,7 +182,7 @@ def _flags(one: _Named, answer: Diagnosis | None) -> list[StretchFlag]:
     if answer is not None or isinstance(one.ready, Ready):
         return [replace(flag, record=one.name) for flag in answer.data_flags] if answer else []
     ends = float(one.trace.time_s[0]), float(one.trace.time_s[-1])
-    whole = StretchFlag(LEFT_OUT, *ends, len(one.trace), one.ready.reason, one.name)
+    whole = StretchFlag("record-left-out", *ends, len(one.trace), one.ready.reason, one.name)
     return [whole, *(replace(flag, record=one.name) for flag in one.ready.inspected.flags)]
 
 

@@ -22,6 +22,7 @@ from hdbench.records.provenance import input_identity
 from hdbench.records.tables import TRACE_COLUMNS
 from hdbench.records.trace import FloatArray
 
+# what a channel measures: columns of a trace, and units
 KINDS = {
     "given": (("reference_v", "load_torque_nm", "torque_filtered_online_nm"), ()),
     "angle": (("motor_angle_rad", "encoder_count", "output_angle_rad"), ("rad",)),
@@ -29,7 +30,6 @@ KINDS = {
     "effort": (("torque_nm", "torque_v", "motor_current_a"), ("N m", "A")),
     "slow": (("temperature_c",), ("degC",)),
 }
-"""What a channel measures: columns of a trace, and units."""
 
 # endings of a trace: a file of one of them may be one
 _TRACES = (".csv", ".gz", ".parquet")

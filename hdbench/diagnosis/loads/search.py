@@ -9,6 +9,7 @@ import numpy as np
 
 from hdbench.diagnosis.evidence import (
     SAME_SPACE,
+    any_of,
     probabilities,
     rivals,
     share_p_value,
@@ -122,11 +123,11 @@ class Search:
             lowest, _ = _lowest_p(shares, ranks, space.dof)
             own, rank = _lowest_p(mine, ranks, space.dof)
             count = _trials(lowest)
-            drawn.append(_any_of(lowest, count))
-            seen.append((rank, float(_any_of(own, count)[0]), count))
+            drawn.append(any_of(lowest, count))
+            seen.append((rank, float(any_of(own, count)[0]), count))
         total = _trials(np.min(drawn, axis=0))
         return tuple(
-            Look(form, cells, rank, p, float(_any_of(p, total)), count * total)
+            Look(form, cells, rank, p, float(any_of(p, total)), count * total)
             for (form, cells), (rank, p, count) in zip(members, seen, strict=True)
         )
 
@@ -237,11 +238,6 @@ def _trials(p_values: FloatArray) -> float:
     beyond = 40 / len(p_values)
     level = float(np.quantile(p_values, beyond))
     return max(1.0, -float(np.log1p(-beyond)) / max(level, float(np.finfo(float).tiny)))
-
-
-def _any_of(p_value: FloatArray | float, trials: float) -> FloatArray:
-    """Return ``1 - (1 - p)^trials`` without loss for small p."""
-    return np.asarray(-np.expm1(trials * np.log1p(-np.minimum(p_value, 1.0 - 1e-16))))
 
 
 def uneven_scatter(
