@@ -18,9 +18,6 @@ _SPECTRUM_FILES = {
     "output-order": ("output_order_spectrum.csv", "output_order"),
     "frequency": ("frequency_spectrum.csv", "frequency_hz"),
 }
-# bins of a map: enough to show a kink of a friction curve, few enough that each holds hundreds of
-# samples of a record of a minute
-_BINS = 48
 
 
 def write_pictures(folder: Path, pictures: Pictures) -> list[str]:
@@ -60,7 +57,9 @@ def residual_maps(pictures: Pictures) -> dict[str, dict[str, FloatArray]]:
 
 def _binned(pictures: Pictures) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
     """Yield domain, column name, values and bin (NaN for none) of each quantity."""
-    speed = pictures.velocity_rad_s
+    # enough to show a kink of a friction curve, few enough that each holds hundreds of samples of a
+    # record of a minute
+    n_bins, speed = 48, pictures.velocity_rad_s
     for domain, name, values in (
         ("time", "time_s", pictures.time_s),
         ("velocity", "motor_velocity_rad_s", speed),
@@ -72,16 +71,16 @@ def _binned(pictures: Pictures) -> Iterator[tuple[str, str, FloatArray, FloatArr
         bins = np.full(len(values), np.nan)
         low, width = 0.0, 0.0
         if good.any():
-            low, width = float(values[good].min()), float(np.ptp(values[good])) / _BINS
+            low, width = float(values[good].min()), float(np.ptp(values[good])) / n_bins
         if width > 0.0:
-            bins[good] = np.minimum(np.floor((values[good] - low) / width), _BINS - 1.0)
+            bins[good] = np.minimum(np.floor((values[good] - low) / width), n_bins - 1.0)
         yield domain, name, values, bins
     for domain, name, values in (
         ("output-angle", "output_angle_rad", pictures.output_angle_rad),
         ("motor-angle", "motor_angle_rad", pictures.motor_angle_rad),
     ):
         wrapped = np.mod(values, 2.0 * np.pi)
-        yield domain, name, wrapped, np.floor(wrapped / (2.0 * np.pi) * _BINS)
+        yield domain, name, wrapped, np.floor(wrapped / (2.0 * np.pi) * n_bins)
 
 
 def _usable(pictures: Pictures, values: FloatArray) -> NDArray[np.bool_]:
