@@ -14,6 +14,8 @@ RIVAL_NATS = 3.0
 SAME_SPACE = 0.01
 # values beyond its parameters that noise needs before anything is held against its scatter
 LEAST_DOF = 3
+# a step of time longer than this many median periods is a gap: one lost sample makes 2
+GAP = 1.5
 # of columns of length 1, what is below this share of the largest is rounding
 RANK = 1e-9
 

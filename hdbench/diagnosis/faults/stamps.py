@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
+from hdbench.diagnosis.evidence import GAP
 from hdbench.diagnosis.faults.fault import Fault
 from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
-# a step longer than this many median periods is a gap: one lost sample makes 2
-_GAP = 1.5
 # channels that tell what the bench measured at a moment
 _TOLD = ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v")
 _MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
@@ -24,11 +23,11 @@ def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
     steps, beside = np.diff(time_s), 7
     span = 2 * beside + 1
     if len(steps) < span:
-        return np.flatnonzero(steps > _GAP * np.median(steps)) if len(steps) else np.array([], int)
+        return np.flatnonzero(steps > GAP * np.median(steps)) if len(steps) else np.array([], int)
     part = steps / float(np.median(steps))
     jitter = float(np.quantile(np.abs(part - np.round(part)), 0.95))
     # a log with stamps of a host has steps of three periods and more without a loss
-    long = np.flatnonzero(part > max(_GAP, 1.0 + 12.0 * jitter))
+    long = np.flatnonzero(part > max(GAP, 1.0 + 12.0 * jitter))
     # late stamps are made up for: the earliest ones on each side keep their places
     usual = float(np.median(time_s[span:] - time_s[:-span])) / span
     late = time_s / usual - np.arange(len(time_s))

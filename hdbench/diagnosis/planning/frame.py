@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.bands import Bands, make_bands
+from hdbench.diagnosis.evidence import GAP
 from hdbench.model import BenchModel, Cause, Motion, baseline_columns, shape_bounds, with_signal
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
@@ -198,8 +199,7 @@ def _course(motion: Motion, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     needed[rows] = True
     load, step = motion.applied_nm, np.diff(motion.time_s)
     jumps = np.abs(np.diff(load)) > 0.01 * float(np.ptp(load[np.isfinite(load)]))
-    # a sample that comes after 1.5 periods and more follows a pause
-    breaks = np.flatnonzero(jumps | (step > 1.5 * float(np.median(step))))
+    breaks = np.flatnonzero(jumps | (step > GAP * float(np.median(step))))
     needed[breaks] = True
     needed[breaks + 1] = True
     return np.flatnonzero(needed)
