@@ -34,7 +34,7 @@ from hdbench.results.diagnosis import StretchFlag
 def inspect_channels(
     trace: Trace, profile: ProfileData, model: BenchModel, *, alpha: float
 ) -> Inspected:
-    """Return a trace with its channels inspected and the model's faults taken out, unfitted."""
+    """Inspect every channel of a trace before a fit; `DataError` where it has no torque."""
     if len(trace) < 5:
         reason = f"{len(trace)} samples; needed: at least 5"
         return Inspected(trace, np.zeros(len(trace), dtype=bool), reason=reason)
@@ -44,6 +44,7 @@ def inspect_channels(
         return replace(checked, reason=reason)
     torque, lost = torque_from_trace(trace, profile), lost_samples(trace)
     known = [(term.name, dict(term.shape)) for term in model.causes]
+    # faults that the model holds are taken out and not found again
     trace, glitches = _without_glitches(without_faults(trace, profile, known), profile)
     clipped, saturation = clipping(trace, profile, torque)
     stuck = stuck_samples(torque) & ~clipped

@@ -101,7 +101,7 @@ def _fault(jump: Jump, shaft: Shaft) -> Fault:
 def _torque_nats(
     jump: Jump, shaft: Shaft, torque_nm: FloatArray, orders: FloatArray
 ) -> tuple[float, float]:
-    """Return how much likelier the torque is with the angle turned back, and at most, nats."""
+    """Return the nats by which the torque prefers the angle turned back, and the most it can."""
     angle = shaft.angle_rad
     moves = np.abs(np.nan_to_num(np.diff(angle, prepend=angle[:1])))
     moves[jump.first] = 0.0

@@ -122,8 +122,8 @@ def _speed_noise(
     speed = motion.velocity_rad_s**2
     if len(rows) < 500 or not float(np.ptp(speed[rows])) > 0.0:
         return None, ()
-    # the bulk decides: held samples and other outliers are none of the noise; it ends at 3.7 times
-    # the median size, 2.5 standard deviations of normal noise
+    # the bulk of cells of equal counts over the speed decides: held samples and other outliers are
+    # none of the noise; it ends at 3.7 times the median size, 2.5 deviations of normal noise
     cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], 64)
     sizes = np.abs(left)
     cells = [cell[sizes[cell] <= 3.7 * float(np.median(sizes[cell]))] for cell in cells]

@@ -47,6 +47,7 @@ def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = 
 def same_noise(one: FloatArray, other: FloatArray) -> bool:
     """Return whether two channels are one, times a factor: they share their noise too."""
     good = np.isfinite(one) & np.isfinite(other)
+    # fewer samples than a shortest segment tell nothing
     if int(good.sum()) < 64:
         return False
     parts = [v[good] - uniform_filter1d(v[good], FAST) for v in (one, other)]
