@@ -1,15 +1,14 @@
 """Hold `hdbench batch` against the single command: workers killed, Ctrl-C, twice, wall time.
 
-    tools/batch_campaign.py workers kill cluster twice stop --records 2000 --out build/batch
-    tools/batch_campaign.py single --out build/batch       # meanwhile, in another terminal
+    python tools/batch_campaign.py workers kill cluster stop --records 2000 --out build/batch
 
-`workers` takes the wall time with `--workers` workers here, `cluster` with three that are started
-by hand. `kill` kills a worker with -9 every `--every` seconds. `twice` runs the batch of `workers`
-again. `stop` sends Ctrl-C at ten random moments and goes on with --resume. Every result of each is
-compared with that of the single command, which `single` computes beforehand. The overhead is what
-a worker does not spend in the command, as a share of what it does. Records are those of `python
-tools/blind/null.py`. A part that was interrupted goes on where it was. Prints one line of JSON for
-each part and exits 1 where one does not hold.
+`workers` takes the wall time with `--workers` workers here, and runs the same again, which has to
+compute nothing; `cluster` takes it with three workers that are started by hand. `kill` kills a
+worker with -9 every `--every` seconds. `stop` sends Ctrl-C at ten random moments and goes on with
+--resume. Every result is compared with that of the single command, made once for every record. The
+overhead is what a worker does not spend in the command, as a share of what it does. Records are
+those of `python tools/blind/null.py`. Prints one line of JSON for each part and exits 1 where one
+does not hold.
 """
 
 from __future__ import annotations
@@ -26,8 +25,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
@@ -37,16 +37,15 @@ import psutil
 sys.path.insert(0, str(Path(__file__).parent / "blind"))
 from null import NOISES, clean_record
 
-from hdbench.records import Trace, write_trace
+from hdbench.records import write_trace
 from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
 
 _HDBENCH = (sys.executable, "-m", "hdbench_cli")
 _DASK = (sys.executable, "-m", "dask")
-_FULL_RATE_HZ = 1000
 _HASH = re.compile(rb"sha256 [0-9a-f]{64}")
 _STOPS = 10
-_SECOND_SHARE = 0.05
+_AGAIN_SHARE = 0.05
 _MOST_OVERHEAD = 0.1
 
 
@@ -55,44 +54,38 @@ class Campaign:
 
     def __init__(self, args: argparse.Namespace) -> None:
         self.command, self.every, self.workers = args.command, args.every, args.workers
-        self.options = args.option or (["--no-report"] if args.command == "run-ripple" else [])
+        self.options = ["--no-report"] if args.command == "run-ripple" else []
         self.out = args.out.absolute()
-        self.traces = self.out / f"traces-{args.seconds:g}s-{args.rate}hz-{args.records}"
+        self.traces = self.out / f"traces-{args.seconds:g}s-{args.records}"
+        self.traces.mkdir(parents=True, exist_ok=True)
         self.rng = random.Random(args.seed)
         self.inputs = [self.traces / f"trace-{k:05d}.csv" for k in range(args.records)]
-        self._single = self.out / f"single-{args.command}.jsonl"
-        self._make_traces(args.seconds, _FULL_RATE_HZ // args.rate)
-
-    def _make_traces(self, seconds: float, step: int) -> None:
-        self.traces.mkdir(parents=True, exist_ok=True)
         for number, file in enumerate(self.inputs):
             if not file.exists():
-                made = self.out / f"part-{os.getpid()}.csv"
-                record = clean_record(number, seconds, NOISES[number % len(NOISES)])
-                columns = {name: values[::step] for name, values in record.columns.items()}
-                write_trace(made, Trace(columns))
-                made.rename(file)
+                record = clean_record(number, args.seconds, NOISES[number % len(NOISES)])
+                write_trace(file, record)
 
     def place(self, part: str) -> Path:
         """Return the folder of a batch."""
         return self.out / f"{part}-{self.command}"
 
-    def words(self, part: str, *more: str) -> list[str]:
-        """Return the command line of a batch; it goes on with what an earlier call left."""
-        folder = self.place(part)
-        resume = ("--resume",) if (folder / "batch.jsonl").exists() else ()
-        out = ["--out", str(folder), *self.options, *resume, *more]
-        return [*_HDBENCH, "batch", self.command, str(self.traces), *out]
-
     def error_file(self, part: str) -> Path:
         """Return the file with what a batch writes on stderr."""
         return self.out / f"{part}-{self.command}.stderr.txt"
 
+    def forget(self, part: str) -> None:
+        """Remove what an earlier call of a part left."""
+        shutil.rmtree(self.place(part), ignore_errors=True)
+        self.error_file(part).unlink(missing_ok=True)
+
     def start(self, part: str, *more: str) -> subprocess.Popen[str]:
-        """Start a batch in a process group of its own, as a terminal does."""
+        """Start a batch, or go on with it, in a process group of its own, as a terminal does."""
+        folder = self.place(part)
+        resume = ("--resume",) if (folder / "batch.jsonl").exists() else ()
+        out = ["--out", str(folder), *self.options, *resume, *more]
         with self.error_file(part).open("a") as error:
             return subprocess.Popen(
-                self.words(part, *more),
+                [*_HDBENCH, "batch", self.command, str(self.traces), *out],
                 stdout=subprocess.DEVNULL,
                 stderr=error,
                 text=True,
@@ -101,16 +94,9 @@ class Campaign:
 
     def timed(self, part: str, *more: str) -> dict[str, Any]:
         """Run a batch to its end; return wall time, exit code, and what is true of the results."""
-        before, begin = self._journal_lines(part), time.monotonic()
+        begin = time.monotonic()
         code = self.start(part, *more).wait()
-        wall_s = time.monotonic() - begin
-        rows = self._journal_lines(part)[len(before) :]
-        return {"wall_s": round(wall_s, 1), "computed": len(rows), **self.check(part, code)}
-
-    def _journal_lines(self, part: str) -> list[str]:
-        with suppress(FileNotFoundError):
-            return (self.place(part) / "batch.jsonl").read_text().splitlines()[1:]
-        return []
+        return {"wall_s": round(time.monotonic() - begin, 1), **self.check(part, code)}
 
     def check(self, part: str, code: int) -> dict[str, Any]:
         """Compare every result of a batch with that of the single command."""
@@ -132,26 +118,20 @@ class Campaign:
         }  # fmt: skip
 
     def single(self) -> dict[str, str]:
-        """Return the digest of what the single command makes of every record; each made once."""
-        lines = self._single.read_text().splitlines() if self._single.exists() else []
-        known = dict(json.loads(line) for line in lines)
-        for file in self.inputs:
-            if file.name not in known:
-                known[file.name] = self._one(file)
-                with self._single.open("a") as kept:
-                    kept.write(json.dumps([file.name, known[file.name]]) + "\n")
-        return known
+        """Return the digest of what the single command makes of every record, kept in a file."""
+        file = self.traces / f"single-{self.command}.json"
+        if not file.exists():
+            found = {trace.name: self._one(trace) for trace in self.inputs}
+            file.write_text(json.dumps(found))
+        kept: dict[str, str] = json.loads(file.read_text())
+        return kept
 
     def _one(self, file: Path) -> str:
-        folder = self.out / f"single-{os.getpid()}"
         given = ["--from"] if self.command != "diagnose" else []
-        words = [self.command, *given, str(file), "--out", str(folder), *self.options]
-        try:
-            with redirect_stdout(io.StringIO()):
-                run_line(words, Output(json=True))
-            return digest(next(folder.iterdir()))
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
+        with tempfile.TemporaryDirectory() as name, redirect_stdout(io.StringIO()):
+            words = [self.command, *given, str(file), "--out", name, *self.options]
+            run_line(words, Output(json=True))
+            return digest(next(Path(name).iterdir()))
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -172,11 +152,6 @@ def digest(run: Path) -> str:
     return total.hexdigest()
 
 
-def overhead(rows: Sequence[dict[str, Any]], wall_s: float, workers: int) -> float:
-    """Return the time that workers did not spend in the command, as a share of that in it."""
-    return wall_s * workers / sum(float(row["seconds"]) for row in rows) - 1.0
-
-
 def is_worker(process: psutil.Process) -> bool:
     """Say whether a process is a worker of a batch; one that ended meanwhile is none."""
     with suppress(psutil.Error):
@@ -184,46 +159,26 @@ def is_worker(process: psutil.Process) -> bool:
     return False
 
 
-def single(campaign: Campaign) -> dict[str, Any]:
-    """Run the single command on every record, in one process."""
-    begin, cpu = time.monotonic(), time.process_time()
-    found = len(campaign.single())
-    times = {"wall_s": time.monotonic() - begin, "cpu_s": time.process_time() - cpu}
-    return {
-        **{name: round(value, 1) for name, value in times.items()},
-        "results": found, "holds": found == len(campaign.inputs),
-    }  # fmt: skip
-
-
 def workers(campaign: Campaign) -> dict[str, Any]:
-    """Take the wall time with workers on this computer."""
-    count = campaign.workers
-    part = f"workers-{count}"
+    """Take the wall time with workers on this computer, then that of the same call again."""
+    count, part = campaign.workers, "workers"
+    campaign.forget(part)
     found = campaign.timed(part, "--workers", str(count))
-    if found["computed"] < len(campaign.inputs):  # an earlier call did some: no time of the whole
-        return {"workers": count, **found}
-    share = overhead(rows_of(campaign.place(part)), found["wall_s"], count)
-    holds = found["holds"] and share <= _MOST_OVERHEAD
-    return {"workers": count, **found, "overhead": round(share, 4), "holds": holds}
-
-
-def twice(campaign: Campaign) -> dict[str, Any]:
-    """Run the batch of `workers` again, and once more without its results."""
-    part = f"workers-{campaign.workers}"
-    words = ("--workers", str(campaign.workers))
-    if not (campaign.place(part) / "batch.csv").exists():
-        campaign.timed(part, *words)
-    first_s = sum(float(row["seconds"]) for row in rows_of(campaign.place(part)))
     table = (campaign.place(part) / "batch.csv").read_bytes()
-    second = campaign.timed(part, *words)
+    worked_s = sum(float(row["seconds"]) for row in rows_of(campaign.place(part)))
+    second = campaign.timed(part, "--workers", str(count))
     same = (campaign.place(part) / "batch.csv").read_bytes() == table
-    share = second["wall_s"] * campaign.workers / first_s
-    holds = second["holds"] and second["computed"] == 0 and share <= _SECOND_SHARE and same
-    return {**second, "share_of_first": round(share, 4), "same_table": same, "holds": holds}
+    over, again = (count * run["wall_s"] / worked_s for run in (found, second))
+    holds = found["holds"] and second["holds"] and same
+    return {
+        "workers": count, **found, "overhead": round(over - 1.0, 4), "again": round(again, 4),
+        "same_table": same, "holds": holds and over <= 1 + _MOST_OVERHEAD and again <= _AGAIN_SHARE,
+    }  # fmt: skip
 
 
 def kill(campaign: Campaign) -> dict[str, Any]:
     """Kill a worker every few seconds."""
+    campaign.forget("kill")
     batch = campaign.start("kill", "--workers", str(campaign.workers), "--retries", "10")
     parent, kills, begin = psutil.Process(batch.pid), 0, time.monotonic()
     while batch.poll() is None:
@@ -241,7 +196,7 @@ def kill(campaign: Campaign) -> dict[str, Any]:
 def stop(campaign: Campaign) -> dict[str, Any]:
     """Send Ctrl-C at ten random moments, go on, and compare."""
     count = str(campaign.workers)
-    shutil.rmtree(campaign.place("stop"), ignore_errors=True)
+    campaign.forget("stop")
     codes, slowest, stopped = [], 0.0, 0
     # so that ten stops reach through the whole batch, at the speed at which it goes
     rate, done = 1.0, 0
@@ -294,13 +249,13 @@ def cluster_by_hand(place: Path) -> Iterator[str]:
 
 def cluster(campaign: Campaign) -> dict[str, Any]:
     """Take the wall time with three workers started by hand."""
+    campaign.forget("cluster")
     with cluster_by_hand(campaign.out / f"scheduler-{campaign.command}") as address:
         return campaign.timed("cluster", "--scheduler", address)
 
 
 PARTS: dict[str, Callable[[Campaign], dict[str, Any]]] = {
-    "single": single, "workers": workers, "twice": twice, "kill": kill, "stop": stop,
-    "cluster": cluster,
+    "workers": workers, "kill": kill, "stop": stop, "cluster": cluster,
 }  # fmt: skip
 
 
@@ -311,12 +266,8 @@ def main() -> int:
     )
     parser.add_argument("parts", nargs="+", choices=list(PARTS))
     parser.add_argument("--command", default="run-ripple", choices=["run-ripple", "diagnose"])
-    parser.add_argument("--option", action="append", help="of the command; may be repeated")
     parser.add_argument("--records", type=int, default=2000)
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument(
-        "--rate", type=int, default=_FULL_RATE_HZ, choices=[1000, 500, 200, 100], help="Hz"
-    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--every", type=float, default=10.0, help="s between two kills")
     parser.add_argument("--seed", type=int, default=1)
@@ -326,9 +277,8 @@ def main() -> int:
     for name in args.parts:
         found = PARTS[name](campaign)
         holds = holds and found["holds"]
-        size = {"part": name, "command": args.command, "records": args.records}
-        of = {"seconds": args.seconds, "rate_hz": args.rate}
-        print(json.dumps({**size, **of, **found}), flush=True)
+        size = {"command": args.command, "records": args.records, "seconds": args.seconds}
+        print(json.dumps({"part": name, **size, **found}), flush=True)
     return 0 if holds else 1
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from faults import polled, replies
 from faults.kit import Row
+from faults.lines import emulated
 from faults.polled import TABLE, CountingDevice
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
@@ -53,7 +54,7 @@ def _tried(wire: str, trials: int, seed: int, row: Row, choose, judge) -> None:
     places = [place_of(TABLE, channel) for channel in TABLE.channels]
     if TABLE.output is None:
         raise ValueError("the table has no output")
-    with polled.served(wire, device) as address:
+    with emulated(device, wire) as address:
         access = polled.reached(address, DEADLINE_S)
         outputs = Outputs(access, TABLE, TABLE.output)
         access.read(places)

@@ -12,19 +12,16 @@ import json
 import os
 import random
 import shutil
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from faults.kit import Row, acknowledging, begin, served, short_profile
+from faults.kit import Row, acknowledging, begin, preloaded, served, short_profile
 from hdbench.profile import Profile
 
 __all__ = ["failing_disks", "full_disks", "killed_writes", "power_cuts", "refusals"]
-
-HERE = Path(__file__).parent
 
 
 def full_disks(folder: Path, trials: int, _seed: int) -> Row:
@@ -49,33 +46,18 @@ def failing_disks(folder: Path, trials: int, _seed: int) -> Row:
 
 
 def _worked(row: Row, folder: Path, orders: list[dict[str, int]]) -> Row:
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        row.notes["not run"] = "no C compiler"
-        return row
-    shim = folder / "fault_shim.so"
-    if not shim.exists():
-        words = [compiler, "-shared", "-fPIC", "-O1", "-o", str(shim), str(HERE / "shim.c")]
-        subprocess.run([*words, "-ldl"], check=True)
     profile = short_profile(folder)
     with served(folder, profile, "fast") as bench:
         place = folder / f"disk-{time.monotonic_ns()}"
         place.mkdir()
+        asked = {
+            "orders": orders, "address": bench.address, "profile": str(profile),
+            "place": str(place),
+        }  # fmt: skip
         trials = sum(order["trials"] for order in orders)
-        asked = {"orders": orders, "address": bench.address, "profile": str(profile)}
-        done = subprocess.run(
-            [sys.executable, str(Path(__file__)), json.dumps({**asked, "place": str(place)})],
-            env={**os.environ, "LD_PRELOAD": str(shim)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-        for line in lines:
+        for line in preloaded(row, folder, "shim.c", [__file__, json.dumps(asked)], trials):
             row.count(f"exit {line['code']}")
-            row.add(line["problem"], None, line["lost"])
-        if len(lines) < trials:
-            row.add(f"the worker ended early: {done.stderr[-300:]}")
+            row.add(str(line["problem"]), None, int(str(line["lost"])))
         _, _, moving = bench.after(time.monotonic())
         if moving:
             row.add(moving)

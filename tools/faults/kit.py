@@ -7,6 +7,7 @@ import mmap
 import os
 import re
 import resource
+import shutil
 import signal
 import struct
 import subprocess
@@ -149,6 +150,34 @@ class ServedBench:
             still["monotonic_s"] - since_s if still else 0.0,
             "",
         )
+
+
+def preloaded(
+    row: Row, folder: Path, source: str, words: Sequence[str], trials: int
+) -> list[dict[str, object]]:
+    """Run a script with a few lines of C of this folder before the C library.
+
+    Return the object that it prints for each trial; the row says why some are missing.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        row.notes["not run"] = "no C compiler"
+        return []
+    code = Path(__file__).with_name(source)
+    shim = folder / f"{code.stem}.so"
+    made = [compiler, "-shared", "-fPIC", "-O1", "-o", str(shim), str(code), "-ldl"]
+    subprocess.run(made, check=True)
+    done = subprocess.run(
+        [sys.executable, *words],
+        env={**os.environ, "LD_PRELOAD": str(shim)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    found = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    if len(found) < trials:
+        row.add(f"the worker ended early: {done.stderr[-300:]}")
+    return found
 
 
 def in_time(trials: int) -> Iterator[int]:

@@ -26,9 +26,18 @@ from contextlib import contextmanager
 from typing import Any
 
 from faults.mangler import Delivery, Mangler
+from hdbench.devices.emulator.server import Device, ModbusServer, Wire
 from hdbench.system.lines import terminal_pair
 
-__all__ = ["Deadlines", "Outlet", "behind", "faulty_serial", "faulty_tcp", "in_thread"]
+__all__ = [
+    "Deadlines",
+    "Outlet",
+    "behind",
+    "emulated",
+    "faulty_serial",
+    "faulty_tcp",
+    "in_thread",
+]
 
 
 class Outlet:
@@ -366,6 +375,14 @@ def in_thread(
         loop.call_soon_threadsafe(loop.stop)
         thread.join(5)
         loop.close()
+
+
+@contextmanager
+def emulated(device: Device, wire: Wire = "tcp") -> Iterator[str]:
+    """Serve an emulated device in a thread; yields its address."""
+    server = ModbusServer(device, wire)
+    with in_thread(server.open, server.close) as (_, address):
+        yield address
 
 
 @contextmanager

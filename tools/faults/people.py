@@ -15,7 +15,6 @@ import random
 import select
 import shutil
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -25,12 +24,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from faults.kit import Row, in_time, short_profile
-from faults.lines import in_thread
+from faults.kit import Row, in_time, preloaded, short_profile
+from faults.lines import emulated
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.node import NodeCore
 from hdbench.devices.emulator.parameters import identity_values, limit_values
-from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.registers import Capability
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
@@ -38,7 +36,6 @@ from hdbench.profile import load_profile
 
 __all__ = ["clock_steps", "people"]
 
-HERE = Path(__file__).parent
 # a question has to come within this time on a busy machine
 LONGEST_S = 60.0
 STILL_RAD_S = 0.5
@@ -52,26 +49,10 @@ ALLOWED = {
 def clock_steps(folder: Path, trials: int, seed: int) -> Row:
     """Set the wall clock by an hour, a day, some seconds, while a run measures: same bytes."""
     row = Row("21", "wall clock set by up to a day, at any moment of a run, forward and back")
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        row.notes["not run"] = "no C compiler"
-        return row
-    shim = folder / "fault_clock.so"
-    words = [compiler, "-shared", "-fPIC", "-O1", "-o", str(shim), str(HERE / "clock.c")]
-    subprocess.run([*words, "-ldl"], check=True)
     asked = {"place": str(folder), "profile": str(short_profile(folder)), "seed": seed}
-    done = subprocess.run(
-        [sys.executable, str(Path(__file__)), json.dumps({**asked, "trials": trials})],
-        env={**os.environ, "LD_PRELOAD": str(shim)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    for line in done.stdout.splitlines():
-        if line.startswith("{"):
-            row.add(json.loads(line)["problem"])
-    if row.trials < trials:
-        row.add(f"the worker ended early: {done.stderr[-300:]}")
+    words = [__file__, json.dumps({**asked, "trials": trials})]
+    for line in preloaded(row, folder, "clock.c", words, trials):
+        row.add(str(line["problem"]))
     return row
 
 
@@ -135,8 +116,7 @@ def unsimulated(profile: Path) -> Iterator[tuple[str, list[float]]]:
     identity["capabilities"] = int(identity["capabilities"]) & ~int(Capability.SIMULATED)
     machine = NodeMachine(bench, pace="realtime", clock=time.monotonic, record=record)
     core = NodeCore(machine, identity=identity, limits=limit_values(data), clock=time.monotonic)
-    server = ModbusServer(core)
-    with in_thread(server.open, server.close) as (_, address):
+    with emulated(core) as address:
         yield address, speeds
 
 

@@ -16,17 +16,16 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from faults.lines import Deadlines, behind, in_thread
+from faults.lines import Deadlines, behind, emulated
 from faults.mangler import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.memory import Cell, Memory
-from hdbench.devices.emulator.server import Device, ModbusServer
+from hdbench.devices.emulator.server import Device
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.identity import make_probe
 from hdbench.devices.modbus.layout import place_of
@@ -149,14 +148,6 @@ def partner(number: int) -> int:
     return number * 2654435761 % MODULUS
 
 
-@contextmanager
-def served(wire: str, device: CountingDevice) -> Iterator[str]:
-    """Serve a device in a thread; yields its address."""
-    server = ModbusServer(device, wire)
-    with in_thread(server.open, server.close) as (_, address):
-        yield address
-
-
 def reached(address: str, deadline_s: float) -> Access:
     """Return the way to a served device, as the driver takes it."""
     place, probe = parse_address(address), make_probe(TABLE)
@@ -180,7 +171,7 @@ def campaign(
     readings = wrong = writes = wrong_writes = failed = hopeless = calls = 0
     deadlines = Deadlines(limit_s)
     with ExitStack() as stack:
-        address = stack.enter_context(behind(stack.enter_context(served(wire, device)), mangler))
+        address = stack.enter_context(behind(stack.enter_context(emulated(device, wire)), mangler))
         access = reached(address, limit_s)
         stack.callback(access.close)
         if TABLE.output is None:

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from faults.kit import RUN_S, Row, Run, ServedBench, acknowledging, begin, in_time, short_profile
@@ -49,6 +50,26 @@ def _moving(bench: ServedBench, run: Run) -> bool:
     return False
 
 
+def _wait_somewhere(bench: ServedBench, run: Run, chance: random.Random, turning: float) -> None:
+    """Wait for a moment of a run: a share of them while the motor turns, the others any."""
+    if chance.random() < turning and _moving(bench, run):
+        run.wait(chance.uniform(0.0, 0.9 * RUN_S))
+    else:
+        run.wait(chance.uniform(0.02, RUN_S + 2.0))
+
+
+def _turning(
+    row: Row, folder: Path, bench: ServedBench, profile: Path, counter: acknowledging, trials: int
+) -> Iterator[Run]:
+    """Yield runs whose motor has begun to turn; one that never did is a bad trial."""
+    for _ in in_time(trials):
+        run = _measure(folder, bench, profile, counter)
+        if _moving(bench, run):
+            yield run
+        else:
+            row.add(f"never moved: {run.words()[-200:]}")
+
+
 def _status(run: Run) -> str:
     folder = run.folder()
     return "" if folder is None else str(json.loads((folder / "run.json").read_text())["status"])
@@ -62,11 +83,7 @@ def signals(folder: Path, bench: ServedBench, profile: Path, trials: int, seed: 
     for _ in in_time(trials):
         run = _measure(folder, bench, profile, counter)
         first = chance.choice((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-        # half of them while the motor turns, the others at any moment
-        if chance.random() < 0.5 and _moving(bench, run):
-            run.wait(chance.uniform(0.0, 0.9 * RUN_S))
-        else:
-            run.wait(chance.uniform(0.02, RUN_S + 2.0))
+        _wait_somewhere(bench, run, chance, turning=0.5)
         sent_s = time.monotonic()
         done = run.code is not None
         sent = [first]
@@ -108,11 +125,7 @@ def kills(
     chance, counter, resumed = random.Random(seed), acknowledging(), 0
     for _ in in_time(trials):
         run = _measure(folder, bench, profile, counter)
-        # two of three while the motor turns, the third at any moment
-        if chance.random() < 0.667 and _moving(bench, run):
-            run.wait(chance.uniform(0.0, 0.9 * RUN_S))
-        else:
-            run.wait(chance.uniform(0.05, RUN_S + 1.0))
+        _wait_somewhere(bench, run, chance, turning=0.667)
         if run.poll() is not None:
             row.count(f"ended by itself, exit {run.code}: no trial")
             continue
@@ -153,11 +166,7 @@ def freezes(folder: Path, bench: ServedBench, profile: Path, trials: int, seed: 
     """SIGSTOP while the motor turns; the guard stops it; then SIGCONT."""
     row = Row("4", "SIGSTOP of the session while the motor turns, SIGCONT afterwards")
     chance, counter = random.Random(seed), acknowledging()
-    for _ in in_time(trials):
-        run = _measure(folder, bench, profile, counter)
-        if not _moving(bench, run):
-            row.add(f"never moved: {run.words()[-200:]}")
-            continue
+    for run in _turning(row, folder, bench, profile, counter, trials):
         time.sleep(chance.uniform(0.0, 0.6 * RUN_S))
         stopped_s = time.monotonic()
         run.send(signal.SIGSTOP)
@@ -179,11 +188,7 @@ def lost_guards(folder: Path, bench: ServedBench, profile: Path, trials: int, se
     """SIGKILL of the guard: the session notices and stops."""
     row = Row("3", "SIGKILL of the guard while the motor turns")
     chance, counter = random.Random(seed), acknowledging()
-    for _ in in_time(trials):
-        run = _measure(folder, bench, profile, counter)
-        if not _moving(bench, run):
-            row.add(f"never moved: {run.words()[-200:]}")
-            continue
+    for run in _turning(row, folder, bench, profile, counter, trials):
         time.sleep(chance.uniform(0.0, 0.4 * RUN_S))
         guards = run.children(b"process.watching")
         killed_s = time.monotonic()

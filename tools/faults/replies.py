@@ -13,8 +13,7 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -22,11 +21,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from faults.lines import Deadlines, behind, in_thread
+from faults.lines import Deadlines, behind, emulated
 from faults.mangler import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.emulator.node import build_core
-from hdbench.devices.emulator.server import ModbusServer
+from hdbench.devices.emulator.server import Wire
 from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire.rtu import crc16
@@ -135,13 +134,9 @@ def wrong_samples(block: ScanBlock) -> int:
     return int(np.count_nonzero(np.any(block.values != expected, axis=1)))
 
 
-@contextmanager
-def served(wire: str) -> Iterator[str]:
+def served(wire: Wire) -> AbstractContextManager[str]:
     """Serve a counting node in a thread; yields its address."""
-    core = build_core(CountingBench(), PROFILE, 0, pace="fast")
-    server = ModbusServer(core, wire)
-    with in_thread(server.open, server.close) as (_, address):
-        yield address
+    return emulated(build_core(CountingBench(), PROFILE, 0, pace="fast"), wire)
 
 
 def campaign(

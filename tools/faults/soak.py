@@ -33,12 +33,6 @@ from hdbench.session.recorder import TraceRecorder
 
 PERIOD_S = 1e-3
 TENTHS = 10
-# a node in a process of its own, so that it does not wait for the one that records
-SERVE = (
-    f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); "
-    "from faults import replies; "
-    "sys.argv[1:] = ['--serve', 'tcp']; replies.main()"
-)
 
 
 def memory_mib() -> float:
@@ -104,7 +98,8 @@ def main() -> int:
     parser.add_argument("--trace", action="store_true", help="write the trace, too: 6 GB")
     asked = parser.parse_args()
     n_samples = round(asked.hours * 3600 / PERIOD_S)
-    serve = [sys.executable, "-c", SERVE]
+    # a node in a process of its own, so that it does not wait for the one that records
+    serve = [sys.executable, replies.__file__, "--serve", "tcp"]
     process = subprocess.Popen(serve, stdout=subprocess.PIPE, text=True)
     try:
         if process.stdout is None:
