@@ -11,10 +11,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from faults.lines import in_thread
+from faults.lines import emulated
 
 from hdbench.devices.emulator.node import build_core
-from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.access import NodeAccess, node_probe
 from hdbench.devices.node.driver import NodeDaq
@@ -116,8 +115,7 @@ def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[Serve
     core = build_core(
         bench or TinyBench(), PROFILE, 0, pace=pace, record=lambda e: events.append(dict(e))
     )
-    server = ModbusServer(core)
-    with in_thread(server.open, server.close) as (_, address):
+    with emulated(core) as address:
         host, _, port = address.removeprefix("tcp://").rpartition(":")
         yield ServedNode(core, host, int(port), events)
 

@@ -41,19 +41,15 @@ def folder(tmp_path):
     return tmp_path
 
 
+def ran(words, **keys):
+    return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, **keys)
+
+
 @pytest.mark.parametrize("late", ["", "sys.path.insert(0, '')", "sys.path.insert(0, {folder!r})"])
 def test_modules_of_the_users_folder_are_no_standard_library(folder, late):
     # `python -m hdbench_cli` puts the folder first, the program `hdbench` does not
     program = RUN.format(early="", late=late.format(folder=str(folder)))
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", program],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = ran([sys.executable, "-P", "-c", program], cwd=folder)
     assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
 
 
@@ -62,34 +58,29 @@ def test_a_driver_that_the_guard_calls_is_not_shadowed_either(folder):
     static = load_profile("seneca-z-sg").data
     order = order_of(static)
     nobody = data.daq.model_copy(update={"address": "tcp://127.0.0.1:1"})
-    done = subprocess.run(
-        order.command,
-        input=data.model_copy(update={"daq": nobody}).model_dump_json(exclude_none=True),
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    told = data.model_copy(update={"daq": nobody}).model_dump_json(exclude_none=True)
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    done = ran(order.command, input=told, cwd=folder, env=environment)
     assert "no connection" in done.stdout, done.stderr
     assert done.returncode == 5
 
 
+def in_its_place(monkeypatch, program):
+    """Let another program run where the emulator is started."""
+    popen = subprocess.Popen
+    instead = [sys.executable, "-c", program]
+    monkeypatch.setattr(process.subprocess, "Popen", lambda _, **keys: popen(instead, **keys))
+
+
 def test_an_emulator_that_says_a_lot_is_not_held_up(monkeypatch):
     """A pipe that nobody reads takes 64 KiB, then its writer stands still."""
-    popen = subprocess.Popen
-
-    def talkative(command, **keys):
-        # before it serves, and whenever the node is asked
-        program = (
-            "import os, runpy, sys; os.write(2, b'w' * 500_000)\n"
-            f"sys.path[:0] = {[path for path in sys.path if path]!r}\n"
-            "runpy.run_module('hdbench.devices.emulator', run_name='__main__')"
-        )
-        return popen([sys.executable, "-c", program], **keys)
-
-    monkeypatch.setattr(process.subprocess, "Popen", talkative)
+    # before it serves, and whenever the node is asked
+    in_its_place(
+        monkeypatch,
+        "import os, runpy, sys; os.write(2, b'w' * 500_000)\n"
+        f"sys.path[:0] = {[path for path in sys.path if path]!r}\n"
+        "runpy.run_module('hdbench.devices.emulator', run_name='__main__')",
+    )
     monkeypatch.setattr(process, "_START_S", 8.0)
     data = load_profile("cim-tr-97-06").data
     with process.running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
@@ -97,13 +88,10 @@ def test_an_emulator_that_says_a_lot_is_not_held_up(monkeypatch):
 
 
 def test_why_an_emulator_did_not_start_is_the_last_it_said(monkeypatch):
-    popen = subprocess.Popen
-
-    def failing(command, **keys):
-        program = "import sys; print('w' * 100_000, file=sys.stderr); sys.exit('no such luck')"
-        return popen([sys.executable, "-c", program], **keys)
-
-    monkeypatch.setattr(process.subprocess, "Popen", failing)
+    in_its_place(
+        monkeypatch,
+        "import sys; print('w' * 100_000, file=sys.stderr); sys.exit('no such luck')",
+    )
     data = load_profile("cim-tr-97-06").data
     with (
         pytest.raises(DeviceError, match="exit code 1: no such luck"),

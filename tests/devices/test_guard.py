@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from nodekit import PROFILE, TinyBench, driver, proxy, served, until
+from nodekit import PROFILE, driver, proxy, served, until
 from serial import Serial
 from stopwatch import Stopwatch
 
@@ -70,6 +70,14 @@ def turn(bench, blocks=5):
         taken += bench.read_block() is not None
 
 
+@contextmanager
+def turning(tmp_path, silence_s=0.3):
+    """Yield a node in real time and a guarded bench whose motor turns."""
+    with served(pace="realtime") as node, guarded(node, tmp_path, silence_s) as bench:
+        turn(bench)
+        yield node, bench
+
+
 def read_until(bench, until_s):
     while time.monotonic() < until_s:
         bench.read_block()
@@ -80,8 +88,7 @@ def motor(node):
 
 
 def test_a_session_that_says_nothing_has_its_motor_stopped_and_is_told(tmp_path):
-    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
-        turn(bench)
+    with turning(tmp_path) as (node, bench):
         assert motor(node) == pytest.approx(1.0)
         start_s = time.monotonic()
         # the silence it was given, and its own round trip; the watchdog has 2 s
@@ -98,8 +105,7 @@ def test_a_session_that_says_nothing_has_its_motor_stopped_and_is_told(tmp_path)
 
 
 def test_a_session_that_gives_signs_of_life_is_left_alone(tmp_path):
-    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
-        turn(bench)
+    with turning(tmp_path) as (node, bench):
         until_s = time.monotonic() + 1.0
         while time.monotonic() < until_s:
             bench.read_block()
@@ -112,7 +118,7 @@ def test_a_session_that_gives_signs_of_life_is_left_alone(tmp_path):
 
 
 def test_a_bench_that_is_closed_without_the_safe_state_is_made_safe(tmp_path):
-    with served(TinyBench(), pace="realtime") as node:
+    with served(pace="realtime") as node:
         data = profile_at(f"tcp://{node.host}:{node.port}")
         with driver(node.host, node.port, watchdog_s=2.0) as inner:
             inner.claim()
@@ -124,8 +130,7 @@ def test_a_bench_that_is_closed_without_the_safe_state_is_made_safe(tmp_path):
 
 
 def test_a_session_whose_guard_dies_is_told_at_its_next_block(tmp_path):
-    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
-        turn(bench)
+    with turning(tmp_path) as (_, bench):
         os.kill(bench.guard.pid, signal.SIGKILL)
         start_s = time.monotonic()
         watch = Stopwatch()
@@ -135,8 +140,7 @@ def test_a_session_whose_guard_dies_is_told_at_its_next_block(tmp_path):
 
 
 def test_what_ends_a_session_does_not_end_the_guard(tmp_path):
-    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path, 2.0) as bench:
-        turn(bench)
+    with turning(tmp_path, 2.0) as (_, bench):
         for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             os.kill(bench.guard.pid, signum)
         time.sleep(0.2)
@@ -145,7 +149,7 @@ def test_what_ends_a_session_does_not_end_the_guard(tmp_path):
 
 
 def test_motion_without_a_second_connection_is_refused(tmp_path):
-    with served(TinyBench()) as node, driver(node.host, node.port) as inner:
+    with served() as node, driver(node.host, node.port) as inner:
         inner.claim()
         nowhere = order_of(profile_at("tcp://127.0.0.1:1"))
         bench = guarding(inner, lambda: GuardProcess(nowhere, 1.0))
@@ -180,7 +184,7 @@ def test_the_guard_takes_no_other_reply_for_its_own(kind):
     def mangle(_number, reply):
         return NO_REPLIES[kind](reply, reply[7:])
 
-    with served(TinyBench(), pace="realtime") as node:
+    with served(pace="realtime") as node:
         with proxy(node.host, node.port, mangle) as (host, port, frames):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
             assert make_safe(told(target), alone=False) != ""
@@ -195,11 +199,8 @@ def test_a_guard_whose_words_nobody_reads_goes_on_trying():
         "import main; main()",
         "import say\nfor _ in range(2000): say('w' * 200)\nprint('done', flush=True)",
     )
-    with subprocess.Popen(
-        [sys.executable, "-I", "-S", "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as talking:
+    words = [sys.executable, "-I", "-S", "-c", program]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as talking:
         try:
             assert select.select([talking.stdout], [], [], 20.0)[0], "held up by a full pipe"
             assert talking.stdout.read(4) == b"done"
@@ -226,7 +227,7 @@ def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
 
 
 def test_an_acquisition_without_motion_has_no_guard(tmp_path):
-    with served(TinyBench()) as node, guarded(node, tmp_path) as bench:
+    with served() as node, guarded(node, tmp_path) as bench:
         bench.configure(AcquisitionSettings(1e-3, 1000, None))
         bench.start()
         assert bench.guard is None
@@ -263,7 +264,6 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
             [sys.executable, "-c", HOST, found["address"]],
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )
         try:
             guard = Path(f"/proc/{int(process.stdout.readline())}")
@@ -410,25 +410,17 @@ def test_a_driver_without_known_bytes_is_made_safe_through_itself(tmp_path):
     order = order_of(load_profile("seneca-z-sg").data)
     assert order.targets == ()
     assert order.command
-    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
-        turn(bench)
+    with turning(tmp_path) as (node, _):
         told = profile_at(f"tcp://{node.host}:{node.port}").model_dump_json(exclude_none=True)
         done = subprocess.run(
-            order.command,
-            input=told,
-            capture_output=True,
-            text=True,
-            timeout=30,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            check=False,
+            order.command, input=told, capture_output=True, text=True, timeout=30, check=False
         )
         assert done.returncode == 0, done.stdout + done.stderr
         assert motor(node) == 0.0
 
 
 def test_a_device_that_is_not_the_one_from_before_is_never_written_to(tmp_path):
-    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
-        turn(bench)
+    with turning(tmp_path) as (node, _):
         (target,) = order_of(profile_at(f"tcp://{node.host}:{node.port}")).targets
         ordered = told(target)
         ordered["identity"][0]["known"] = "03" + "00" * 20

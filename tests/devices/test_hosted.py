@@ -23,11 +23,21 @@ from hdbench.profile.schema import ReferenceWave
 WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)
 ASKED = AcquisitionSettings(1e-3, 1000, WAVE)
 STILL = AcquisitionSettings(1e-3, 1000, None)
+# a watchdog that drops no output
+UNGUARDED = replace(ABLE, watchdog=replace(ABLE.watchdog, drops=()))
 
 
 def bench(daq=None, settings=SETTINGS):
     daq = daq or FakeDaq()
     return HostedBench(daq, settings, clock=daq.clock, sleep=daq.clock.sleep)
+
+
+def started(daq, settings=SETTINGS, asked=STILL):
+    """Return a bench that samples."""
+    made = bench(daq, settings)
+    made.configure(asked)
+    made.start()
+    return made
 
 
 # -- demands --------------------------------------------------------------------------------------
@@ -47,13 +57,7 @@ def bench(daq=None, settings=SETTINGS):
         (replace(ABLE, inputs=ABLE.inputs[:1]), SETTINGS, STILL, "no channel tacho", "channels"),
         (replace(ABLE, outputs=()), SETTINGS, ASKED, "no output", "driver"),
         (replace(ABLE, watchdog=None), SETTINGS, ASKED, "no watchdog", "driver"),
-        (
-            replace(ABLE, watchdog=replace(ABLE.watchdog, drops=())),
-            SETTINGS,
-            ASKED,
-            "no watchdog",
-            "driver",
-        ),
+        (UNGUARDED, SETTINGS, ASKED, "no watchdog", "driver"),
         (ABLE, replace(SETTINGS, watchdog_s=9.0), ASKED, "0.1 to 5 s", "watchdog_s"),
         (ABLE, replace(SETTINGS, roles=("torque",)), ASKED, "run away", "channels"),
     ],
@@ -72,9 +76,7 @@ def test_what_a_device_cannot_do_is_told_before_anything_is_written(
 
 def test_without_a_motion_no_watchdog_is_needed():
     daq = FakeDaq(replace(ABLE, watchdog=None, outputs=()))
-    made = bench(daq)
-    made.configure(STILL)
-    made.start()
+    started(daq)
     assert daq.calls == ["configure", "start"]
 
 
@@ -85,9 +87,7 @@ def test_a_device_that_samples_at_another_period_is_refused():
 
 def test_a_generator_gets_the_reference_and_nothing_is_written_from_here():
     daq = FakeDaq(replace(ABLE, generator=True, outputs=()))
-    made = bench(daq)
-    made.configure(ASKED)
-    made.start()
+    started(daq, asked=ASKED)
     assert daq.settings.reference is WAVE
     assert daq.written == []
     assert daq.calls == ["configure", "start"]
@@ -106,9 +106,7 @@ def test_a_reference_beyond_the_limit_is_refused_before_the_device_hears_of_it()
 
 def test_channels_that_are_not_sampled_are_nan_and_saturation_is_told_by_sample():
     daq = FakeDaq()
-    made = bench(daq)
-    made.configure(STILL)
-    made.start()
+    made = started(daq)
     marks = [[True, False, False], [False, False, True], [False, True, False]]
     daq.blocks = [block(0, [[1, 2, 65530], [3, 4, 4], [5, 6, 14]], saturated=marks)]
     found = made.read_block()
@@ -123,9 +121,7 @@ def test_channels_that_are_not_sampled_are_nan_and_saturation_is_told_by_sample(
 
 def test_a_polled_device_tells_the_time_of_every_sample():
     daq = FakeDaq()
-    made = bench(daq)
-    made.configure(STILL)
-    made.start()
+    made = started(daq)
     taken = daq.clock.now_s + np.array([0.010, 0.021])
     daq.blocks = [block(0, [[1, 2, 3], [1, 2, 3]], time_s=taken)]
     np.testing.assert_allclose(made.read_block().time_s, [0.010, 0.021], atol=1e-12)
@@ -208,6 +204,16 @@ class RealClock(Clock):
         return self.now_s
 
 
+def moving():
+    """Return a device whose motor turns, and its bench, in real time."""
+    daq = FakeDaq(clock=RealClock())
+    made = HostedBench(daq, SETTINGS)
+    made.configure(ASKED)
+    made.start()
+    until(lambda: daq.reference_v == 2.0, 3.0)
+    return daq, made
+
+
 def running(daq, *, watchdog_s=0.4, **changes):
     log = ReferenceLog(daq.clock(), 0.0)
     reference = HostReference(WAVE, 1e-3, 100_000, limit_v=8.0, slew_v_per_s=1e6)
@@ -270,11 +276,7 @@ def test_a_device_that_refuses_a_write_ends_the_thread_with_its_error():
 @pytest.mark.parametrize("call", ["write_output", "feed_watchdog"])
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), ZeroDivisionError("bug")])
 def test_any_end_of_the_control_thread_zeroes_the_output_and_ends_the_run(call, error):
-    daq = FakeDaq(clock=RealClock())
-    made = HostedBench(daq, SETTINGS)
-    made.configure(ASKED)
-    made.start()
-    until(lambda: daq.reference_v == 2.0, 3.0)
+    daq, made = moving()
     works, fails = getattr(daq, call), [error]
 
     def fail_once(*given):
@@ -300,11 +302,7 @@ def test_any_end_of_the_control_thread_zeroes_the_output_and_ends_the_run(call, 
 
 def test_a_value_that_was_on_its_way_at_the_stop_is_followed_by_another_zero(monkeypatch):
     monkeypatch.setattr("hdbench.devices.host.control._JOIN_S", 0.1)
-    daq = FakeDaq(clock=RealClock())
-    made = HostedBench(daq, SETTINGS)
-    made.configure(ASKED)
-    made.start()
-    until(lambda: daq.reference_v == 2.0, 3.0)
+    daq, made = moving()
     works, held, hangs = daq.write_output, threading.Event(), threading.Event()
 
     def late(*given):
@@ -333,11 +331,7 @@ def test_no_thread_is_left_behind():
 
 
 def test_a_motion_begins_with_watchdog_zero_and_enable_and_ends_the_other_way():
-    daq = FakeDaq(clock=RealClock())
-    made = HostedBench(daq, SETTINGS)
-    made.configure(ASKED)
-    made.start()
-    until(lambda: daq.reference_v == 2.0, 3.0)
+    daq, made = moving()
     assert daq.written[0][1] == 0.0, "zero before the drive is enabled"
     made.stop()
     assert daq.calls == ["configure", "arm", "enable", "start", "stop", "disable", "clear"]
@@ -346,11 +340,7 @@ def test_a_motion_begins_with_watchdog_zero_and_enable_and_ends_the_other_way():
 
 
 def test_a_limit_in_the_samples_stops_the_motor_before_the_session_asks_again():
-    daq = FakeDaq(clock=RealClock())
-    made = HostedBench(daq, SETTINGS)
-    made.configure(ASKED)
-    made.start()
-    until(lambda: daq.reference_v == 2.0, 3.0)
+    daq, made = moving()
     daq.blocks = [block(0, [[0.0, 401.0 / TACHO, 0]])]
     made.read_block()
     until(lambda: daq.reference_v == 0.0, 0.2)
@@ -360,11 +350,7 @@ def test_a_limit_in_the_samples_stops_the_motor_before_the_session_asks_again():
 
 
 def test_the_reference_that_was_written_stands_beside_every_sample():
-    daq = FakeDaq(clock=RealClock())
-    made = HostedBench(daq, SETTINGS)
-    made.configure(ASKED)
-    made.start()
-    until(lambda: daq.reference_v == 2.0, 3.0)
+    daq, made = moving()
     time.sleep(0.05)
     now_s = time.monotonic()
     n = int((now_s - made._start_s) / 1e-3)
@@ -401,9 +387,7 @@ def test_a_device_that_drives_nothing_needs_no_standstill():
 
 def test_the_order_of_channels_is_that_of_the_profile():
     daq = FakeDaq()
-    made = bench(daq, replace(SETTINGS, roles=("encoder", "torque")))
-    made.configure(STILL)
-    made.start()
+    made = started(daq, replace(SETTINGS, roles=("encoder", "torque")))
     assert daq.settings.roles == ("encoder", "torque")
     daq.blocks = [block(0, [[7, 1.5]], roles=("encoder", "torque"))]
     found = made.read_block()

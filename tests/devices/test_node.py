@@ -20,6 +20,17 @@ from hdbench.profile.schema import ReferenceWave
 WAVE = ReferenceWave(wave="constant", bias_v=0.5, amplitude_v=1.5)
 
 
+def _begin(bench, n_samples, *, period_s=1e-3, wave=WAVE):
+    bench.configure(AcquisitionSettings(period_s, n_samples, wave))
+    bench.start()
+
+
+def _acquired(bench, n_samples):
+    """Return the blocks of a whole acquisition."""
+    _begin(bench, n_samples)
+    return _collect(bench, n_samples)
+
+
 def _collect(bench, n_samples):
     """Read blocks until the acquisition is over; return them."""
     blocks = []
@@ -64,9 +75,7 @@ def _gaps(blocks, n_samples):
 def test_every_sample_arrives_once_with_its_value_and_wraps_are_undone():
     # 40 000 samples of -70 001 counts pass -2**31 once
     with served() as node, driver(node.host, node.port) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 40_000, WAVE))
-        bench.start()
-        blocks = _collect(bench, 40_000)
+        blocks = _acquired(bench, 40_000)
     assert _gaps(blocks, 40_000) == 0
     _check_values(blocks)
     assert blocks[-1].encoder_count[-1] < -(2**31)
@@ -79,11 +88,9 @@ def test_the_parameter_block_reaches_the_bench_as_written():
         wave="trapezoid", amplitude_v=2.773, frequency_hz=1 / 6, duty=0.8, rise=0.1, fall=0.1
     )
     with served(tiny) as node, driver(node.host, node.port) as bench:
-        bench.configure(AcquisitionSettings(2e-3, 500, wave))
-        bench.start()
+        _begin(bench, 500, period_s=2e-3, wave=wave)
         bench.stop()
-        bench.configure(AcquisitionSettings(1e-2, 7, None))
-        bench.start()
+        _begin(bench, 7, period_s=1e-2, wave=None)
         assert _gaps(_collect(bench, 7), 7) == 0
     (period_s, got, duration_s), (_, none, _) = tiny.begun
     assert (period_s, duration_s) == (pytest.approx(2e-3), pytest.approx(1.0))
@@ -121,9 +128,7 @@ def test_dropped_replies_lose_nothing():
 
     n_samples = 19_000
     with through(mangle, deadline_s=0.8) as (bench, _, _):
-        bench.configure(AcquisitionSettings(1e-3, n_samples, WAVE))
-        bench.start()
-        blocks = _collect(bench, n_samples)
+        blocks = _acquired(bench, n_samples)
     assert len(dropped) >= 3
     assert _gaps(blocks, n_samples) == 0
     _check_values(blocks)
@@ -140,9 +145,7 @@ def test_an_unacknowledged_block_is_sent_again_bit_by_bit():
         return reply
 
     with through(mangle, deadline_s=0.3) as (bench, _, _):
-        bench.configure(AcquisitionSettings(1e-3, 190, WAVE))
-        bench.start()
-        blocks = _collect(bench, 190)
+        blocks = _acquired(bench, 190)
     # all but the echo of the exchange and the checksum over it: bytes 0-1 and 20-23 of the window
     blocks_seen = [reply[4:22] + reply[26:] for reply in seen]
     assert blocks_seen[2] == blocks_seen[3]
@@ -166,8 +169,7 @@ def test_overflow_is_counted_exactly_and_never_closed_up():
 def test_losses_at_the_very_end_are_told_before_an_empty_block():
     with served(pace="realtime") as node, driver(node.host, node.port) as bench:
         # at 10 kHz the buffer of 4096 fills after 0.41 s, the acquisition ends after 0.5 s
-        bench.configure(AcquisitionSettings(1e-4, 5000, None))
-        bench.start()
+        _begin(bench, 5000, period_s=1e-4, wave=None)
         until(lambda: bench.daq.status()["state"] == State.TRIPPED or _ended(bench), 3.0)
         blocks = _collect(bench, 5000)
     assert _gaps(blocks, 5000) == 5000 - 4096
@@ -289,8 +291,7 @@ def test_pymodbus_alone_reads_identity_and_word_order():
 @pytest.mark.parametrize("pace", ["fast", "realtime"])
 def test_a_silent_host_trips_the_watchdog_which_stops_the_motor_and_stays_tripped(pace):
     with served(pace=pace) as node, driver(node.host, node.port, watchdog_s=0.2) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
-        bench.start()
+        _begin(bench, 100_000)
         while node.core.machine.bench.velocity_rad_s < 50.0:
             bench.read_block()
         start_s = time.monotonic()
@@ -303,15 +304,12 @@ def test_a_silent_host_trips_the_watchdog_which_stops_the_motor_and_stays_trippe
         with pytest.raises(DeviceError, match=r"exception 4 .*tripped"):
             bench.start()
         # writing the parameter block again, watchdog time included, re-arms it
-        bench.configure(AcquisitionSettings(1e-3, 19, WAVE))
-        bench.start()
-        assert _gaps(_collect(bench, 19), 19) == 0
+        assert _gaps(_acquired(bench, 19), 19) == 0
 
 
 def test_the_trip_shows_in_the_next_block():
     with served() as node, driver(node.host, node.port, watchdog_s=0.05) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
-        bench.start()
+        _begin(bench, 100_000)
         bench.read_block()
         until(lambda: bench.daq.status()["state"] == State.TRIPPED, 2.0)
         flags = [block for block in _collect(bench, 0) if block.watchdog_tripped]
@@ -321,8 +319,7 @@ def test_the_trip_shows_in_the_next_block():
 
 def test_reading_alone_does_not_feed_the_watchdog():
     with served() as node, driver(node.host, node.port, watchdog_s=0.1) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
-        bench.start()
+        _begin(bench, 100_000)
         client = ModbusTcpClient(node.host, port=node.port, retries=0, timeout=2)
         client.connect()
         until_s = time.monotonic() + 0.5
@@ -385,8 +382,7 @@ def test_a_motor_that_keeps_turning_is_not_called_safe():
 
     clock = ManualClock()
     with served(Runaway()) as node, driver(node.host, node.port, clock=clock) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
-        bench.start()
+        _begin(bench, 100_000)
         bench.read_block()
         safe = bench.safe_state()
     assert not safe.confirmed
@@ -416,9 +412,7 @@ def test_a_start_whose_reply_is_lost_is_read_back_and_sent_once():
         return reply
 
     with through(mangle, deadline_s=0.2) as (bench, node, _):
-        bench.configure(AcquisitionSettings(1e-3, 190, WAVE))
-        bench.start()
-        assert _gaps(_collect(bench, 190), 190) == 0
+        assert _gaps(_acquired(bench, 190), 190) == 0
     assert len(starts) == 1
     assert node.core.machine.starts == 1
 
@@ -463,9 +457,7 @@ def test_a_reconnecting_driver_keeps_its_session():
 
     with through(mangle, deadline_s=0.4) as (bench, _, _):
         bench.claim()
-        bench.configure(AcquisitionSettings(1e-3, 380, WAVE))
-        bench.start()
-        assert _gaps(_collect(bench, 380), 380) == 0
+        assert _gaps(_acquired(bench, 380), 380) == 0
         assert bench.daq.status()["session_state"] == 1
         assert bench.daq.repeats == 1
 
@@ -502,8 +494,7 @@ def test_control_characters_of_the_device_are_not_passed_on():
 
 def test_a_restarted_node_is_noticed():
     with served() as node, driver(node.host, node.port, watchdog_s=2.0) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
-        bench.start()
+        _begin(bench, 100_000)
         bench.read_block()
         # power lost and back: everything as after switching on
         fresh = build_core(TinyBench(), PROFILE, 0, pace="fast")

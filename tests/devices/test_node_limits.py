@@ -1,22 +1,15 @@
 """A node whose own scales make no sense is refused by name, before anything is written."""
 
-import sys
-from pathlib import Path
-
 import pytest
+from faults.lines import emulated
+from faults.replies import CountingBench
 
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.node import NodeCore
 from hdbench.devices.emulator.parameters import identity_values, limit_values
-from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.opening import open_node
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
-from faults.lines import in_thread
-from faults.replies import CountingBench
 
 PROFILE = load_profile("cim-tr-97-06").data
 
@@ -36,8 +29,7 @@ def test_a_scale_that_no_node_can_have_is_an_error_with_its_register(name, value
     machine = NodeMachine(CountingBench(), pace="fast", clock=lambda: 0.0, record=lambda _: None)
     limits = {**limit_values(PROFILE), name: value}
     core = NodeCore(machine, identity=identity_values(0), limits=limits, clock=lambda: 0.0)
-    server = ModbusServer(core)
-    with in_thread(server.open, server.close) as (_, address):
+    with emulated(core) as address:
         table = PROFILE.daq.model_copy(update={"address": address})
         daq = open_node(PROFILE, table)
         with pytest.raises(DeviceError, match=name) as told:

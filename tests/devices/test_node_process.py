@@ -58,7 +58,6 @@ def _host(address, record=""):
     process = subprocess.Popen(
         [sys.executable, "-c", HOST_SCRIPT, address, str(record), amplitude_v],
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         start_new_session=True,
     )
     try:
@@ -131,7 +130,6 @@ def test_the_same_seed_gives_the_same_samples():
     assert np.any(first != run(6))
 
 
-@linux_only
 @linux_only
 @pytest.mark.parametrize("guarded", [True, False])
 def test_killing_the_host_stops_the_motor_within_a_second(tmp_path, guarded):
@@ -227,12 +225,6 @@ def test_anybody_can_stop_a_bench_that_another_process_drives():
             assert stop_bench(PROFILE, address=address).confirmed
 
 
-@pytest.mark.parametrize("address", ["tcp://host", "tcp://host:0", "tcp://:5", "ftp://h:5", "h:5"])
-def test_an_address_of_another_form_is_a_usage_error(address):
-    with pytest.raises(UsageError, match="tcp://HOST:PORT"):
-        parse_address(address)
-
-
 @pytest.mark.parametrize(
     "address", ["udp://127.0.0.1:5", "rtu+tcp://127.0.0.1:5", "ascii:///dev/x"]
 )
@@ -255,7 +247,6 @@ def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, sto
         [sys.executable, "-c", code, "emulate", "--json", "--record", str(record)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         start_new_session=True,
     )
     try:

@@ -6,6 +6,8 @@ import sys
 import threading
 import time
 import tty
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from faults.paced import paced_line
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusSerialClient
+from served import read_all
 from stopwatch import Stopwatch
 
 from hdbench.devices import lock, stop_bench
@@ -46,15 +49,23 @@ def _open(address, **changes):
     return open_node(replies.PROFILE, table)
 
 
-def _all(daq, n_samples):
-    blocks, got = [], 0
-    until_s = time.monotonic() + 20.0
-    while got < n_samples and time.monotonic() < until_s:
-        block = daq.read_block()
-        if block is not None:
-            blocks.append(block)
-            got = block.first_index + len(block)
-    return blocks
+@contextmanager
+def _driver(address):
+    """Open a driver at an address and close it again."""
+    daq = _open(address)
+    try:
+        yield daq
+    finally:
+        daq.close()
+
+
+def _sampled(address, roles, n_samples):
+    """Return the blocks of an acquisition at 1 kHz, read until it is over."""
+    with _driver(address) as daq:
+        daq.claim()
+        daq.configure(DaqSettings(roles, 1e-3, n_samples, 2.0))
+        daq.start()
+        return read_all(daq)
 
 
 def test_the_checksum_is_that_of_the_specification():
@@ -65,12 +76,7 @@ def test_the_checksum_is_that_of_the_specification():
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
 def test_every_sample_arrives_once_on_either_wire(wire):
     with replies.served(wire) as address:
-        daq = _open(address)
-        daq.claim()
-        daq.configure(DaqSettings(replies.ROLES, 1e-3, 20_000, 2.0))
-        daq.start()
-        blocks = _all(daq, 20_000)
-        daq.close()
+        blocks = _sampled(address, replies.ROLES, 20_000)
     assert sum(map(len, blocks)) == 20_000
     assert sum(replies.wrong_samples(block) for block in blocks) == 0
     assert sum(block.lost_before for block in blocks) == 0
@@ -81,11 +87,7 @@ def test_every_sample_arrives_once_on_either_wire(wire):
 )
 def test_channels_come_in_the_order_asked_for(roles):
     with replies.served("rtu") as address:
-        daq = _open(address)
-        daq.configure(DaqSettings(roles, 1e-3, 500, 2.0))
-        daq.start()
-        blocks = _all(daq, 500)
-        daq.close()
+        blocks = _sampled(address, roles, 500)
     values = np.concatenate([block.values for block in blocks])
     expected = dict(zip(replies.ROLES, replies.codes_of(np.arange(500)), strict=True))
     scale = {"encoder": 1.0, "current": replies.PROFILE.servo.max_current_a / 32768}
@@ -107,21 +109,17 @@ def test_another_modbus_client_reads_the_node():
 
 
 def test_a_second_host_finds_the_line_taken():
-    with replies.served("rtu") as address:
-        first, second = _open(address), _open(address)
-        first.identity()
-        with pytest.raises(BusyError, match="serial port"):
-            second.identity()
-        first.close()
+    with replies.served("rtu") as address, _driver(address) as second:
+        with _driver(address) as first:
+            first.identity()
+            with pytest.raises(BusyError, match="serial port"):
+                second.identity()
         assert second.identity().simulated
-        second.close()
 
 
 def test_stop_works_without_a_run():
-    profile = replies.PROFILE
     with replies.served("rtu") as address:
-        safe = stop_bench(profile, address=address)
-    assert safe.confirmed
+        assert stop_bench(replies.PROFILE, address=address).confirmed
 
 
 HOST = """
@@ -142,13 +140,9 @@ with open_bench(load_profile("cim-tr-97-06"), address=sys.argv[1]) as bench:
 
 def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
     """A serial line has one master: the run is asked first, the line is free then."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with replies.served("rtu") as address:
-        host = subprocess.Popen(
-            [sys.executable, "-c", HOST, f"{address}?baud=921600"],
-            stdout=subprocess.PIPE,
-            env=environment,
-        )
+        words = [sys.executable, "-c", HOST, f"{address}?baud=921600"]
+        host = subprocess.Popen(words, stdout=subprocess.PIPE)
         try:
             assert host.stdout.readline() == b"moving\n"
             assert lock._holder_in(lock._held(address)).pid == host.pid
@@ -225,12 +219,37 @@ def _reply(request, *, fill):
     return body + crc16(body)
 
 
+def _answer(request, write):
+    write(_reply(request, fill=1))
+
+
 def _probe(number):
     return read_registers(0x0100, 3 + 2 * (number % 5))
 
 
-def _link(path, probe=_probe):
-    return RtuLink(parse_address(f"rtu://{path}?baud=115200"), 1, probe)
+@contextmanager
+def _linked(answer=_answer, probe=None, line="baud=115200", check=None):
+    """Yield a slave and a function that reads two registers of it within a time."""
+    pdu, own_check = read_registers(7, 2)
+    with _Slave(answer) as slave:
+        link = RtuLink(parse_address(f"rtu://{slave.path}?{line}"), 1, probe)
+
+        def ask(within_s=1.0):
+            return link.transact(pdu, check or own_check, time.monotonic() + within_s)
+
+        try:
+            yield slave, ask
+        finally:
+            link.close()
+
+
+@contextmanager
+def _fails(words, within_s):
+    """Expect a call to fail, and in time."""
+    watch = Stopwatch()
+    with pytest.raises(FrameError, match=words):
+        yield
+    assert watch.s < within_s
 
 
 def test_a_late_reply_is_never_taken_for_the_next_read():
@@ -248,13 +267,10 @@ def test_a_late_reply_is_never_taken_for_the_next_read():
         else:
             write(reply)
 
-    with _Slave(answer) as slave:
-        link = _link(slave.path)
-        pdu, check = read_registers(7, 2)
+    with _linked(answer, _probe) as (slave, ask):
         with pytest.raises(FrameError, match="in time"):
-            link.transact(pdu, check, time.monotonic() + 0.12)
-        reply = link.transact(pdu, check, time.monotonic() + 1.0)
-        link.close()
+            ask(0.12)
+        reply = ask()
         late[0].join()
     # the answer to the last request of all
     assert reply[2:] == bytes((0, len(slave.requests))) * 2
@@ -264,12 +280,8 @@ def test_bytes_that_stand_on_the_line_before_a_request_are_thrown_away():
     def answer(request, write):
         write(_reply(request, fill=3) + b"left over")
 
-    with _Slave(answer) as slave:
-        link = _link(slave.path, None)
-        for _ in range(3):
-            pdu, check = read_registers(7, 2)
-            assert link.transact(pdu, check, time.monotonic() + 1.0)[2:] == b"\0\3\0\3"
-        link.close()
+    with _linked(answer) as (_, ask):
+        assert [ask()[2:] for _ in range(3)] == [b"\0\3\0\3"] * 3
 
 
 def test_a_reply_to_another_question_is_waited_past():
@@ -282,11 +294,8 @@ def test_a_reply_to_another_question_is_waited_past():
         if pdu[-1] == 1:
             raise StaleReply
 
-    with _Slave(answer) as slave:
-        link = _link(slave.path, None)
-        pdu, _ = read_registers(7, 2)
-        assert link.transact(pdu, check, time.monotonic() + 1.0)[-1] == 2
-        link.close()
+    with _linked(answer, check=check) as (_, ask):
+        assert ask()[-1] == 2
 
 
 @pytest.mark.parametrize(
@@ -302,15 +311,11 @@ def test_a_reply_to_another_question_is_waited_past():
     ids=["checksum", "truncated", "unit", "garbage before", "function", "silence"],
 )
 def test_a_wrong_reply_ends_in_time_and_is_never_delivered(spoil):
-    with _Slave(lambda request, write: write(spoil(_reply(request, fill=1)))) as slave:
-        link = _link(slave.path, None)
-        pdu, check = read_registers(7, 2)
-        start_s = time.monotonic()
-        watch = Stopwatch()
-        with pytest.raises(FrameError):
-            link.transact(pdu, check, start_s + 0.2)
-        assert watch.s < 0.22 + SLACK_S
-        link.close()
+    with (
+        _linked(lambda request, write: write(spoil(_reply(request, fill=1)))) as (_, ask),
+        _fails(None, 0.22 + SLACK_S),
+    ):
+        ask(0.2)
 
 
 def test_a_line_that_is_never_quiet_holds_no_call_beyond_its_deadline():
@@ -320,69 +325,48 @@ def test_a_line_that_is_never_quiet_holds_no_call_beyond_its_deadline():
         while not ended.wait(0.002):
             write(b"\x55" * 8)
 
-    with _Slave(babble) as slave:
-        link = _link(slave.path)
+    with _linked(babble, _probe) as (slave, ask):
         # something to begin with: the other end babbles after its first request
         other = os.open(slave.path, os.O_RDWR | os.O_NOCTTY)
         os.write(other, b"12345678")
         os.close(other)
         time.sleep(0.05)
-        pdu, check = read_registers(7, 2)
         for _ in range(2):
-            start_s = time.monotonic()
-            watch = Stopwatch()
-            with pytest.raises(FrameError, match=r"quiet|silent|never asked"):
-                link.transact(pdu, check, start_s + 0.2)
-            assert watch.s < 0.22 + SLACK_S
+            with _fails(r"quiet|silent|never asked", 0.22 + SLACK_S):
+                ask(0.2)
         ended.set()
-        link.close()
 
 
 def test_a_line_that_somebody_else_reads_is_not_taken_for_unplugged(monkeypatch):
-    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
-        link = _link(slave.path, None)
-        pdu, check = read_registers(7, 2)
-        link.transact(pdu, check, time.monotonic() + 1.0)
+    with _linked() as (_, ask):
+        ask()
         # characters have come each time, but another program has taken them
         monkeypatch.setattr(os, "read", lambda *_: b"")
-        start_s = time.monotonic()
-        watch = Stopwatch()
-        with pytest.raises(FrameError, match="another program reads from this port"):
-            link.transact(pdu, check, start_s + 0.5)
-        assert watch.s < 0.55 + SLACK_S
+        with _fails("another program reads from this port", 0.55 + SLACK_S):
+            ask(0.5)
         monkeypatch.undo()
-        assert link.transact(pdu, check, time.monotonic() + 1.0)[2:] == b"\0\1\0\1"
-        link.close()
+        assert ask()[2:] == b"\0\1\0\1"
 
 
 def test_a_port_that_is_pulled_is_told_at_once():
     master, terminal = os.openpty()
-    link = _link(os.ttyname(terminal), None)
-    pdu, check = read_registers(7, 2)
+    link = RtuLink(parse_address(f"rtu://{os.ttyname(terminal)}?baud=115200"), 1)
+    ask = partial(link.transact, *read_registers(7, 2))
     with pytest.raises(FrameError, match="in time"):
-        link.transact(pdu, check, time.monotonic() + 0.1)
+        ask(time.monotonic() + 0.1)
     puller = threading.Timer(0.1, lambda: [os.close(end) for end in (terminal, master)])
     puller.start()
-    start_s = time.monotonic()
-    watch = Stopwatch()
-    with pytest.raises(FrameError, match=r"unplugged|failed"):
-        link.transact(pdu, check, start_s + 5.0)
-    assert watch.s < 1.0
+    with _fails(r"unplugged|failed", 1.0):
+        ask(time.monotonic() + 5.0)
     puller.join()
     link.close()
 
 
 def test_a_long_silence_between_frames_holds_no_call_beyond_its_deadline():
-    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
-        link = RtuLink(parse_address(f"rtu://{slave.path}?baud=9600&gap_us=900000"), 1)
-        pdu, check = read_registers(7, 1)
-        link.transact(pdu, check, time.monotonic() + 2.0)
-        start_s = time.monotonic()
-        watch = Stopwatch()
-        with pytest.raises(FrameError, match="silent"):
-            link.transact(pdu, check, start_s + 0.2)
-        assert watch.s < 0.22 + SLACK_S
-        link.close()
+    with _linked(line="baud=9600&gap_us=900000") as (_, ask):
+        ask(2.0)
+        with _fails("silent", 0.22 + SLACK_S):
+            ask(0.2)
 
 
 @pytest.mark.parametrize(("baud", "held"), [(921600, True), (115200, False)])
@@ -394,12 +378,9 @@ def test_a_fast_line_keeps_the_processor_awake_while_it_is_open(baud, held, tmp_
     def holders():
         return [p for p in Path("/proc/self/fd").iterdir() if os.path.realpath(p) == str(wishes)]
 
-    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
-        link = RtuLink(parse_address(f"rtu://{slave.path}?baud={baud}"), 1)
-        pdu, check = read_registers(7, 1)
-        link.transact(pdu, check, time.monotonic() + 2.0)
+    with _linked(line=f"baud={baud}") as (_, ask):
+        ask(2.0)
         assert len(holders()) == held
-        link.close()
     assert holders() == []
     # a 32-bit number of microseconds
     assert wishes.read_bytes() == (bytes(4) if held else b"")
@@ -415,14 +396,11 @@ def test_the_silence_between_frames_is_kept():
     settings_ = SerialSettings(baud_bd=9600)
     # 11 bits a character: start, eight, parity, stop
     assert settings_.silence_s == pytest.approx(3.5 * 11 / 9600)
-    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
-        link = RtuLink(parse_address(f"rtu://{slave.path}?baud=9600&gap_us=30000"), 1)
-        pdu, check = read_registers(7, 1)
-        link.transact(pdu, check, time.monotonic() + 1.0)
+    with _linked(line="baud=9600&gap_us=30000") as (_, ask):
+        ask()
         start_s = time.monotonic()
         for _ in range(4):
-            link.transact(pdu, check, time.monotonic() + 1.0)
-        link.close()
+            ask()
     assert time.monotonic() - start_s >= 4 * 0.03
 
 
@@ -444,7 +422,7 @@ def test_the_paced_line_takes_the_time_of_its_characters_and_silences():
     line = SerialSettings(baud_bd=19200)
     sent, received = 8, 5 + 2 * 50
     with (
-        _Slave(lambda request, write: write(_reply(request, fill=1))) as slave,
+        _Slave(_answer) as slave,
         paced_line(slave.path, line) as path,
     ):
         # the slave's own terminal is the device's side; it answers at once

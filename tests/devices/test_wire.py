@@ -4,6 +4,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable
+from contextlib import contextmanager
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -22,6 +23,17 @@ GOOD = bytes((3, 16)) + b"S/N 0001" + bytes(8)
 COMMAND = (register("command"),)
 # what two cores shared with other work may add to a wait, s
 SLACK_S = 0.5
+
+
+@contextmanager
+def _talking(handler, deadline_s: float):
+    """Yield access to a server that misbehaves, and the request frames that it hears."""
+    with rogue(handler) as (host, port, frames):
+        wire = node_wire(host, port, deadline_s=deadline_s)
+        try:
+            yield wire, frames
+        finally:
+            wire.close()
 
 
 def _reply(pdu: bytes) -> Callable[[socket.socket, bytes], None]:
@@ -72,13 +84,11 @@ WRONG_READ_REPLIES = {
 @pytest.mark.parametrize("fault", WRONG_READ_REPLIES)
 def test_a_wrong_reply_to_a_read_is_never_delivered_and_the_deadline_holds(fault):
     deadline_s = 0.6
-    with rogue(WRONG_READ_REPLIES[fault]) as (host, port, frames):
-        wire = node_wire(host, port, deadline_s=deadline_s)
+    with _talking(WRONG_READ_REPLIES[fault], deadline_s) as (wire, frames):
         watch = Stopwatch()
         with pytest.raises(DeviceError) as caught:
             wire.read(SERIAL)
         took_s = watch.s
-        wire.close()
     # 10 % as required, plus what the scheduler may add
     assert took_s < 1.1 * deadline_s + SLACK_S
     assert "register serial (0x0114)" in caught.value.where
@@ -99,13 +109,11 @@ WRONG_WRITE_REPLIES = {
 
 @pytest.mark.parametrize("fault", WRONG_WRITE_REPLIES)
 def test_a_motion_write_without_its_echo_fails_and_is_sent_once(fault):
-    with rogue(WRONG_WRITE_REPLIES[fault]) as (host, port, frames):
-        wire = node_wire(host, port, deadline_s=0.2)
+    with _talking(WRONG_WRITE_REPLIES[fault], 0.2) as (wire, frames):
         watch = Stopwatch()
         with pytest.raises(DeviceError) as caught:
             wire.write_once(COMMAND, b"\0\1")
         took_s = watch.s
-        wire.close()
     assert isinstance(caught.value.__cause__, FrameError), "no answer, not a refusal"
     assert took_s < 1.1 * 0.2 + SLACK_S
     assert len(frames) == 1, "never repeated"
@@ -119,13 +127,11 @@ def test_after_a_wrong_reply_the_connection_is_not_used_again(pdu):
         used.append(connection.fileno())
         connection.sendall(adu(request, pdu if len(used) == 1 else b"\6" + request[8:12]))
 
-    with rogue(wrong) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=0.5)
+    with _talking(wrong, 0.5) as (wire, _):
         with pytest.raises(DeviceError):
             wire.write_once(COMMAND, b"\0\2")
         wire.write_once(COMMAND, b"\0\2")
-        wire.close()
-        assert len(set(used)) == 2
+    assert len(set(used)) == 2
 
 
 def test_a_first_byte_does_not_lengthen_the_wait():
@@ -133,33 +139,31 @@ def test_a_first_byte_does_not_lengthen_the_wait():
         time.sleep(1.2)
         connection.sendall(request[:1])
 
-    with rogue(one_byte) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=1.5)
+    with _talking(one_byte, 1.5) as (wire, _):
         watch = Stopwatch()
         with pytest.raises(DeviceError, match="in time"):
             wire.write_once(COMMAND, b"\0\2")
         # a wait begun anew by the byte would end after 2.7 s
         assert watch.s < 1.1 * 1.5 + SLACK_S
-        wire.close()
 
 
 def test_an_fc16_echo_with_another_count_is_refused():
-    with rogue(lambda c, r: c.sendall(adu(r, b"\x10" + r[8:10] + b"\0\x63"))) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=0.2)
-        with pytest.raises(DeviceError, match="10 10 00 63; needed: 5 bytes, 10 10 10 00 02"):
-            wire.write_once(PARAMETERS[:1], bytes(4))
-        wire.close()
+    with (
+        _talking(lambda c, r: c.sendall(adu(r, b"\x10" + r[8:10] + b"\0\x63")), 0.2) as (wire, _),
+        pytest.raises(DeviceError, match="10 10 00 63; needed: 5 bytes, 10 10 10 00 02"),
+    ):
+        wire.write_once(PARAMETERS[:1], bytes(4))
 
 
 @pytest.mark.parametrize(
     ("code", "meaning"), [(1, "illegal function"), (2, "address"), (3, "value"), (4, "failure")]
 )
 def test_an_exception_names_register_and_meaning_and_is_not_repeated(code, meaning):
-    with rogue(lambda c, r: c.sendall(adu(r, bytes((r[7] | 0x80, code))))) as (host, port, frames):
-        wire = node_wire(host, port, deadline_s=0.5)
-        with pytest.raises(DeviceError, match=f"exception {code} .*{meaning}") as caught:
-            wire.read(SERIAL)
-        wire.close()
+    with (
+        _talking(lambda c, r: c.sendall(adu(r, bytes((r[7] | 0x80, code)))), 0.5) as (wire, frames),
+        pytest.raises(DeviceError, match=f"exception {code} .*{meaning}") as caught,
+    ):
+        wire.read(SERIAL)
     assert "serial (0x0114)" in caught.value.where
     # the second one asks for the node's own reason
     asked = [struct.unpack(">H", frame[8:10])[0] for frame in frames]
@@ -171,10 +175,8 @@ def test_a_reply_byte_by_byte_is_put_together():
         for byte in adu(request, GOOD):
             connection.sendall(bytes((byte,)))
 
-    with rogue(trickle) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=2.0)
+    with _talking(trickle, 2.0) as (wire, _):
         assert wire.read(SERIAL) == GOOD[2:]
-        wire.close()
 
 
 def test_a_stale_reply_before_the_right_one_is_skipped():
@@ -182,10 +184,8 @@ def test_a_stale_reply_before_the_right_one_is_skipped():
         stale = adu(request, bytes((3, 16)) + b"stale" + bytes(11), tid=40000)
         connection.sendall(stale + adu(request, GOOD))
 
-    with rogue(twice) as (host, port, frames):
-        wire = node_wire(host, port, deadline_s=1.0)
+    with _talking(twice, 1.0) as (wire, frames):
         assert wire.read(SERIAL) == GOOD[2:]
-        wire.close()
     assert len(frames) == 1
 
 
@@ -199,13 +199,11 @@ def test_a_late_reply_is_never_taken_for_the_next_read():
             time.sleep(0.3)
         connection.sendall(adu(request, bytes((3, 16)) + text + bytes(12)))
 
-    with rogue(late_then_good) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=0.2)
+    with _talking(late_then_good, 0.2) as (wire, _):
         with pytest.raises(DeviceError, match="in time"):
             wire.read(SERIAL)
         time.sleep(0.3)
         assert wire.read(SERIAL)[:4] == b"good"
-        wire.close()
 
 
 def test_one_lost_reply_is_made_up_within_the_deadline():
@@ -215,13 +213,11 @@ def test_one_lost_reply_is_made_up_within_the_deadline():
         if not next(lost):
             connection.sendall(adu(request, GOOD))
 
-    with rogue(drop_first) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=0.6)
+    with _talking(drop_first, 0.6) as (wire, _):
         watch = Stopwatch()
         assert wire.read(SERIAL) == GOOD[2:]
         assert watch.s < 0.6 + SLACK_S
         assert wire.repeats == 1
-        wire.close()
 
 
 def test_nobody_listening_is_a_device_error_at_once():
@@ -234,18 +230,17 @@ def test_nobody_listening_is_a_device_error_at_once():
 
 @pytest.mark.parametrize("group", [IDENTITY, STATUS, (*FEED, register("state"))])
 def test_only_registers_of_the_allow_list_can_be_written(group):
-    with rogue(_silent) as (host, port, frames):
-        wire = node_wire(host, port, deadline_s=0.2)
-        with pytest.raises(ValueError, match="not writable"):
-            wire.write_once(group, bytes(2 * sum(entry.size for entry in group)))
+    with (
+        _talking(_silent, 0.2) as (wire, frames),
+        pytest.raises(ValueError, match="not writable"),
+    ):
+        wire.write_once(group, bytes(2 * sum(entry.size for entry in group)))
     assert not frames
 
 
 def test_a_fault_is_reported_by_the_error_alone_and_stderr_stays_empty(capfd):
-    with rogue(_hang_up) as (host, port, _):
-        wire = node_wire(host, port, deadline_s=0.2)
-        with pytest.raises(DeviceError):
-            wire.read(SERIAL)
+    with _talking(_hang_up, 0.2) as (wire, _), pytest.raises(DeviceError):
+        wire.read(SERIAL)
     assert capfd.readouterr() == ("", "")
 
 
@@ -296,12 +291,10 @@ def test_a_reply_within_the_deadline_is_delivered_however_late_it_is(late_s):
         time.sleep(late_s)
         connection.sendall(adu(request, GOOD))
 
-    with rogue(late) as (host, port, frames):
-        wire = node_wire(host, port, deadline_s=4.0)
+    with _talking(late, 4.0) as (wire, frames):
         start_s = time.monotonic()
         assert [wire.read(SERIAL) for _ in range(3)] == [GOOD[2:]] * 3
         assert time.monotonic() - start_s >= 3 * late_s
-        wire.close()
     assert len(frames) == 3
 
 
