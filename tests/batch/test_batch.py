@@ -150,7 +150,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path,
     for seed in range(3, 6):
         record(traces / f"drive-{seed}.csv", seed, 25)
     out = tmp_path / "out"
-    words = ["run-ripple", str(traces), "--workers", "1", "--out", str(out)]
+    words = ["run-ripple", str(traces), "--no-report", "--workers", "1", "--out", str(out)]
     running = subprocess.Popen(
         [*HDBENCH, "batch", *words], stderr=subprocess.PIPE, text=True, start_new_session=True
     )

@@ -87,7 +87,8 @@ def executed(tutorial: bool) -> list[str]:
     for where, line in sorted(LINES, key=lambda found: found[0] != "tutorial.md"):
         words = shlex.split(line, comments=True)[1:]
         name = tuple(words[: len(words) - len(command_of(words)[1])])
-        if where == "tutorial.md" if tutorial else name not in seen | ELSEWHERE | {("demo",)}:
+        own = where == "tutorial.md"
+        if own if tutorial else not own and name not in seen | ELSEWHERE | {("demo",)}:
             out.append(line)
         seen.add(name)
     return out
