@@ -88,6 +88,23 @@ def driver(port: int, **changes: Any) -> Iterator[LabJackDaq]:
         daq.close()
 
 
+@contextmanager
+def claimed(*, speed: float = 1.0, **changes: Any) -> Iterator[tuple[Served, LabJackDaq]]:
+    """Serve a device and claim it; yields both."""
+    with served(speed=speed) as device, driver(device.port, **changes) as daq:
+        daq.claim()
+        yield device, daq
+
+
+@contextmanager
+def streaming(n_samples: int, **keys: Any) -> Iterator[tuple[Served, LabJackDaq]]:
+    """Serve a device, claim it and start an acquisition; yields device and driver."""
+    with claimed(**keys) as (device, daq):
+        daq.configure(settings(n_samples))
+        daq.start()
+        yield device, daq
+
+
 def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = ROLES) -> DaqSettings:
     """Return an acquisition of `n_samples`."""
     return DaqSettings(roles, period_s, n_samples, 1.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from labjackkit import (
     PROFILE,
+    claimed,
     driver,
     noted_samples,
     noted_writes,
@@ -35,8 +36,7 @@ def _run(daq, n_samples: int, **changes):
 
 
 def test_every_sample_asked_for_comes_once_and_in_order():
-    with served(speed=4.0) as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed(speed=4.0) as (device, daq):
         blocks = _run(daq, 1500)
         assert [block.lost_before for block in blocks] == [0] * len(blocks)
         firsts = np.cumsum([0, *(len(block) for block in blocks)])
@@ -67,8 +67,7 @@ def test_volts_are_those_at_the_terminals_by_the_devices_own_constants():
 
 
 def test_the_encoder_is_exact_over_32_bits_and_both_words_belong_together():
-    with served(speed=4.0) as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed(speed=4.0) as (device, daq):
         # a counter just below a turn of its low word, zero, and the end of its 32 bits
         for start in (65_000, -600, 2**31 - 600):
             device.call(lambda s=start: setattr(device.instrument, "_count_offset", s))
@@ -84,8 +83,7 @@ def test_the_encoder_is_exact_over_32_bits_and_both_words_belong_together():
 
 
 def test_a_single_reading_of_the_counter_has_its_sign():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         device.call(lambda: setattr(device.instrument, "_count_offset", -600))
         daq.configure(settings(10))
         time.sleep(0.02)
@@ -93,23 +91,20 @@ def test_a_single_reading_of_the_counter_has_its_sign():
 
 
 def test_configuring_writes_flash_once_and_never_again():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         assert daq.arm_watchdog(1.0) == 1.0
         written = device.device.watchdog.flash_writes
         assert written > 0
         daq.arm_watchdog(1.0)
         daq.arm_watchdog(0.4)
         assert device.device.watchdog.flash_writes == written, "whole seconds, rounded up"
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         daq.configure(settings(10))
         assert device.device.watchdog.flash_writes == 0, "no run without motion writes flash"
 
 
 def test_the_watchdog_settings_are_those_that_a_silent_host_needs():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         daq.arm_watchdog(2.0)
         memory = device.device.memory
         assert [memory.value(a) for a in (61600, 61604, 61610, 61620)] == [1, 2, 1, 0]
@@ -120,8 +115,7 @@ def test_the_watchdog_settings_are_those_that_a_silent_host_needs():
 
 
 def test_a_stream_reader_alone_does_not_keep_the_motor_alive():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         turning(daq, 4000, 1.0)
         for now_s, trips in ((0.5, 0), (0.99, 0), (1.01, 1)):
             device.watchdog_clock.now_s = now_s
@@ -139,8 +133,7 @@ def test_a_stream_reader_alone_does_not_keep_the_motor_alive():
 
 
 def test_feeding_keeps_the_motor_alive_and_tells_a_trip():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         daq.arm_watchdog(1.0)
         daq.enable(on=True)
         for _ in range(8):
@@ -171,8 +164,7 @@ def test_an_output_reads_back_where_the_device_can():
 
 
 def test_a_tick_dac_gives_both_signs_and_shows_in_the_looped_back_reference():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         assert daq.write_output("reference", -3.25) == -3.25
         time.sleep(0.05)
         assert daq.snapshot()["reference"] == pytest.approx(-3.25, abs=2e-3)
@@ -180,8 +172,7 @@ def test_a_tick_dac_gives_both_signs_and_shows_in_the_looped_back_reference():
 
 
 def test_single_readings_and_a_stream_exclude_each_other():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (_, daq):
         assert set(daq.snapshot()) == {"torque", "tacho", "current", "reference", "encoder"}
         daq.configure(settings(5000))
         daq.start()
@@ -256,8 +247,7 @@ def test_another_programs_stream_is_left_alone_until_somebody_stops_it():
 def test_the_devices_own_error_code_is_in_the_message(monkeypatch):
     # a device that is slower than its data sheet says
     monkeypatch.setitem(streaming._LIMIT_HZ, "T7", 50_000.0)
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (_, daq):
         daq.configure(settings(100, period_s=1.25e-4))
         with pytest.raises(DeviceError, match=r"STREAM_SCAN_RATE_INVALID \(2608\)") as caught:
             daq.start()
@@ -265,8 +255,7 @@ def test_the_devices_own_error_code_is_in_the_message(monkeypatch):
 
 
 def test_the_actual_period_is_the_devices_and_a_rate_it_cannot_keep_is_refused():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         assert daq.configure(settings(10, period_s=7e-4)) == pytest.approx(7e-4, rel=1e-7)
         # 1/3000 s is no multiple of 100 ns: 3333 or 3334 of them are within 2e-4
         assert daq.configure(settings(10, period_s=1 / 3000)) == pytest.approx(3333e-7, rel=1e-7)
@@ -276,8 +265,7 @@ def test_the_actual_period_is_the_devices_and_a_rate_it_cannot_keep_is_refused()
 
 
 def test_the_safe_state_stops_a_turning_motor_and_proves_it():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         turning(daq, 60_000, 2.0)
         until_s = time.monotonic() + 60.0
         while device.instrument.velocity_rad_s < 100.0:
@@ -293,8 +281,7 @@ def test_the_safe_state_stops_a_turning_motor_and_proves_it():
 
 
 def test_a_safe_state_that_cannot_be_seen_is_not_confirmed():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed() as (device, daq):
         # an enable line that is stuck on
         device.device.memory._cells["holding", digital_line(4).address].on_read = lambda: 1
         safe = daq.safe_state()

@@ -6,14 +6,16 @@ import time
 import numpy as np
 import pytest
 from faults.lines import faulty_tcp
-from faults.mangler import Mangler, TcpFraming
+from faults.mangler import FAULT_KINDS, Mangler, TcpFraming
 from labjackkit import (
     PROFILE,
+    claimed,
     driver,
     noted_samples,
     noted_writes,
     served,
     settings,
+    streaming,
     table_for,
     values,
 )
@@ -27,24 +29,8 @@ from hdbench.errors import DeviceError
 
 DEADLINE_S = 0.1
 
-CONTROL_FAULTS = (
-    "drop",
-    "late",
-    "duplicate",
-    "reorder",
-    "stale",
-    "truncate",
-    "garbage",
-    "transaction",
-    "unit",
-    "protocol",
-    "function",
-    "count",
-    "exception",
-    "fin",
-    "reset",
-    "slow-loris",
-)
+# what the frame of a reply to a read can show; the others change values, or are of other frames
+CONTROL_FAULTS = sorted({*FAULT_KINDS} - {"mutate", "header", "noise", "word-swap", "echo"})
 
 
 def noted_waits(link):
@@ -218,10 +204,7 @@ def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
 
 
 def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
-    with served(speed=10.0) as device, driver(device.port, auto_recover=False) as daq:
-        daq.claim()
-        daq.configure(settings(6000))
-        daq.start()
+    with streaming(6000, speed=10.0, auto_recover=False) as (device, daq):
         _be_away(device, lambda stream: stream._status)
         blocks = []
         with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
@@ -239,10 +222,7 @@ def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
     ],
 )
 def test_a_stream_that_the_device_ends_is_named(status, said):
-    with served(speed=4.0) as device, driver(device.port) as daq:
-        daq.claim()
-        daq.configure(settings(4000))
-        daq.start()
+    with streaming(4000, speed=4.0) as (device, daq):
         blocks = [block for _ in range(8) if (block := daq.read_block()) is not None]
         device.call(lambda: setattr(device.device.stream, "_status", status))
         with pytest.raises(DeviceError, match=said):
@@ -251,10 +231,7 @@ def test_a_stream_that_the_device_ends_is_named(status, said):
 
 
 def test_an_index_jump_that_the_device_does_not_tell_is_found():
-    with served(speed=4.0) as device, driver(device.port) as daq:
-        daq.claim()
-        daq.configure(settings(2000))
-        daq.start()
+    with streaming(2000, speed=4.0) as (device, daq):
         daq.read_block()
         device.call(lambda: [device.instrument.take(1) for _ in range(3)])
         with pytest.raises(DeviceError, match="core timer"):
@@ -262,10 +239,7 @@ def test_an_index_jump_that_the_device_does_not_tell_is_found():
 
 
 def test_a_device_that_restarts_is_told_and_its_motor_stands():
-    with served() as device, driver(device.port) as daq:
-        daq.claim()
-        daq.configure(settings(20_000))
-        daq.start()
+    with streaming(20_000) as (device, daq):
         daq.enable(on=True)
         daq.write_output("reference", 1.0)
         time.sleep(0.2)
@@ -277,8 +251,7 @@ def test_a_device_that_restarts_is_told_and_its_motor_stands():
 
 
 def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
-    with served(speed=4.0) as device, driver(device.port) as daq:
-        daq.claim()
+    with claimed(speed=4.0) as (device, daq):
         device.call(lambda: disturb(device.instrument, torque=1e3, tacho=-1e3))
         daq.configure(settings(100))
         daq.start()
