@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -148,6 +150,52 @@ def node_wire(host: str, port: int, *, deadline_s: float) -> NodeAccess:
     """Return register access to a node on TCP."""
     link = connect(parse_address(f"tcp://{host}:{port}"), probe=node_probe)
     return NodeAccess(link, deadline_s=deadline_s)
+
+
+HOST = """
+import sys
+from pathlib import Path
+from hdbench.devices import AcquisitionSettings, open_bench
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+
+address, record, period_s, amplitude_v = sys.argv[1:]
+wave = ReferenceWave(wave="constant", amplitude_v=float(amplitude_v))
+with open_bench(
+    load_profile("cim-tr-97-06"),
+    address=address,
+    realtime=True,
+    record=Path(record) if record else None,
+) as bench:
+    bench.configure(AcquisitionSettings(float(period_s), 1_000_000, wave))
+    bench.start()
+    seen = 0
+    while True:
+        block = bench.read_block()
+        seen += len(block) if block else 0
+        if seen > 400:
+            print(bench.guard.pid, flush=True)
+            seen = -10**9
+"""
+
+
+@contextmanager
+def host(
+    address: str, *, record: object = "", period_s: float = 1e-3, amplitude_v: float = 1.0
+) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
+    """Turn a motor from a process; yields it and its guard's number after 400 samples."""
+    words = (address, str(record), str(period_s), str(amplitude_v))
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOST, *words], stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert process.stdout is not None
+    try:
+        yield process, int(process.stdout.readline())
+    finally:
+        process.kill()
+        process.wait()
+        # its guard may have the other end for longer
+        process.stdout.close()
 
 
 Handler = Callable[[socket.socket, bytes], None]

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from nodekit import PROFILE, driver, proxy, served, until
+from nodekit import PROFILE, driver, host, proxy, served, until
 from serial import Serial
 from stopwatch import Stopwatch
 
@@ -233,26 +233,6 @@ def test_an_acquisition_without_motion_has_no_guard(tmp_path):
         assert bench.guard is None
 
 
-HOST = """
-import os, sys
-from hdbench.devices import AcquisitionSettings, open_bench
-from hdbench.profile import load_profile
-from hdbench.profile.schema import ReferenceWave
-
-wave = ReferenceWave(wave="constant", amplitude_v=1.0)
-with open_bench(load_profile("cim-tr-97-06"), address=sys.argv[1]) as bench:
-    bench.configure(AcquisitionSettings(2e-3, 1_000_000, wave))
-    bench.start()
-    seen = 0
-    while True:
-        block = bench.read_block()
-        seen += len(block) if block else 0
-        if seen > 300:
-            print(bench.guard.pid, flush=True)
-            seen = -10**9
-"""
-
-
 @pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
 def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp_path, signum):
     record = tmp_path / "motor.jsonl"
@@ -260,22 +240,13 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
     with running_emulator(
         data, plant="as-modelled", seed=0, pace="realtime", record=record, wire="rtu"
     ) as found:
-        process = subprocess.Popen(
-            [sys.executable, "-c", HOST, found["address"]],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            guard = Path(f"/proc/{int(process.stdout.readline())}")
+        with host(str(found["address"]), period_s=2e-3) as (process, number):
+            guard = Path(f"/proc/{number}")
             process.send_signal(signum)
             gone_s = time.monotonic()
             until(
                 lambda: json.loads(record.read_text().splitlines()[-1])["reference_v"] == 0.0, 3.0
             )
-        finally:
-            process.kill()
-            process.wait()
-            process.stdout.close()
         # it goes on trying, on a terminal that the next test may be given, until it has its proof
         until(lambda: not guard.exists(), 5.0)
     events = [json.loads(line) for line in record.read_text().splitlines()]

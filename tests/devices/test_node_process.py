@@ -6,12 +6,11 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from nodekit import PROFILE, driver, until
+from nodekit import PROFILE, driver, host, until
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator, open_bench, stop_bench
 from hdbench.devices.emulator.process import running_emulator
@@ -24,49 +23,6 @@ from hdbench.profile.schema import ReferenceWave
 # 150 rad/s forward: the watchdog has something to stop
 WAVE = ReferenceWave(wave="constant", amplitude_v=150.0 / PROFILE.servo.velocity_gain_rad_s_per_v)
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-
-HOST_SCRIPT = """
-import sys
-from pathlib import Path
-from hdbench.devices import AcquisitionSettings, open_bench
-from hdbench.profile import load_profile
-from hdbench.profile.schema import ReferenceWave
-
-address, record = sys.argv[1], sys.argv[2]
-wave = ReferenceWave(wave="constant", amplitude_v=float(sys.argv[3]))
-with open_bench(
-    load_profile("cim-tr-97-06"),
-    address=address,
-    realtime=True,
-    record=Path(record) if record else None,
-) as bench:
-    bench.configure(AcquisitionSettings(1e-3, 1_000_000, wave))
-    bench.start()
-    told = False
-    while True:
-        block = bench.read_block()
-        if block and block.tacho_v[-1] * 56.2565 > 140.0 and not told:
-            told = True
-            print("moving", flush=True)
-"""
-
-
-@contextmanager
-def _host(address, record=""):
-    """Run a host process that turns the motor; yields it once the motor is fast."""
-    amplitude_v = str(WAVE.amplitude_v)
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOST_SCRIPT, address, str(record), amplitude_v],
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-    )
-    try:
-        assert process.stdout.readline() == b"moving\n"
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def _children(pid):
@@ -138,7 +94,7 @@ def test_killing_the_host_stops_the_motor_within_a_second(tmp_path, guarded):
     with running_emulator(
         PROFILE, plant="as-modelled", seed=0, pace="realtime", record=record
     ) as found:
-        with _host(found["address"]) as process:
+        with host(found["address"], amplitude_v=WAVE.amplitude_v) as (process, _):
             if not guarded:
                 for pid in _children(process.pid):
                     os.kill(pid, signal.SIGKILL)
@@ -161,7 +117,7 @@ def test_killing_the_host_stops_the_motor_within_a_second(tmp_path, guarded):
 @linux_only
 def test_the_embedded_node_stops_the_motor_and_leaves_when_its_host_is_killed(tmp_path):
     record = tmp_path / "node.jsonl"
-    with _host("embedded", record) as process:
+    with host("embedded", record=record, amplitude_v=WAVE.amplitude_v) as (process, _):
         (node,) = [pid for pid in _children(process.pid) if b"emulator" in _command_line(pid)]
         process.send_signal(signal.SIGKILL)
         killed_s = time.monotonic()
@@ -218,7 +174,7 @@ def test_a_second_process_is_told_who_holds_the_bench():
 def test_anybody_can_stop_a_bench_that_another_process_drives():
     with running_emulator(PROFILE, plant="as-modelled", seed=0, pace="realtime") as found:
         address = found["address"]
-        with _host(address):
+        with host(address, amplitude_v=WAVE.amplitude_v):
             third = open_bench(PROFILE, address=address)
             with pytest.raises(BusyError):
                 third.__enter__()

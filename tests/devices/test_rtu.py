@@ -1,7 +1,6 @@
 """The node on a serial line: the same samples, nothing stale, and the wire's pace."""
 
 import os
-import subprocess
 import sys
 import threading
 import time
@@ -16,6 +15,7 @@ from faults import replies
 from faults.paced import paced_line
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nodekit import host
 from pymodbus.client import ModbusSerialClient
 from served import read_all
 from stopwatch import Stopwatch
@@ -122,35 +122,13 @@ def test_stop_works_without_a_run():
         assert stop_bench(replies.PROFILE, address=address).confirmed
 
 
-HOST = """
-import sys
-from hdbench.devices import AcquisitionSettings, open_bench
-from hdbench.profile import load_profile
-from hdbench.profile.schema import ReferenceWave
-
-with open_bench(load_profile("cim-tr-97-06"), address=sys.argv[1]) as bench:
-    wave = ReferenceWave(wave="constant", amplitude_v=2.0)
-    bench.configure(AcquisitionSettings(1e-3, 1_000_000, wave))
-    bench.start()
-    while True:
-        if bench.read_block():
-            print("moving", flush=True)
-"""
-
-
 def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
     """A serial line has one master: the run is asked first, the line is free then."""
     with replies.served("rtu") as address:
-        words = [sys.executable, "-c", HOST, f"{address}?baud=921600"]
-        host = subprocess.Popen(words, stdout=subprocess.PIPE)
-        try:
-            assert host.stdout.readline() == b"moving\n"
-            assert lock._holder_in(lock._held(address)).pid == host.pid
+        with host(f"{address}?baud=921600", amplitude_v=2.0) as (run, _):
+            assert lock._holder_in(lock._held(address)).pid == run.pid
             assert stop_bench(replies.PROFILE, address=address).confirmed
-            assert host.wait(60) != 0
-        finally:
-            host.kill()
-            host.communicate()
+            assert run.wait(60) != 0
         assert lock._held(address) is None
 
 
