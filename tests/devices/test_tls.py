@@ -7,6 +7,7 @@ import struct
 import subprocess
 import threading
 import time
+from contextlib import closing
 
 import pytest
 from stopwatch import Stopwatch
@@ -104,22 +105,16 @@ def _files(folder, *, host="host", authority="ours", server_name=None):
 
 def _read(port, files, deadline_s=2.0, make=connect):
     link = make(parse_address(f"tls://127.0.0.1:{port}"), tls=files)
-    pdu, check = read_registers(0x0100, 2)
-    try:
-        return link.transact(pdu, check, time.monotonic() + deadline_s)
-    finally:
-        link.close()
+    with closing(link):
+        return link.transact(*read_registers(0x0100, 2), time.monotonic() + deadline_s)
 
 
 @pytest.mark.parametrize("make", [connect, polled_link])
 @pytest.mark.parametrize("server_name", [None, "bench-7"])
 def test_a_read_passes_where_both_certificates_are_signed(folder, server_name, make):
-    node = _Node(folder)
-    try:
+    with closing(_Node(folder)) as node:
         files = _files(folder, server_name=server_name)
         assert _read(node.port, files, make=make)[2:] == b"\x00\x11\x22\x33"
-    finally:
-        node.close()
     assert len(node.requests) == 1
 
 
@@ -135,12 +130,11 @@ def test_a_read_passes_where_both_certificates_are_signed(folder, server_name, m
 )
 @pytest.mark.parametrize("make", [connect, polled_link])
 def test_nothing_is_asked_of_a_device_that_cannot_be_trusted(folder, certificate, files, make):
-    node = _Node(folder, certificate)
-    try:
-        with pytest.raises(FrameError, match=r"no secure connection|closed|no connection|reset"):
-            _read(node.port, _files(folder, **files), make=make)
-    finally:
-        node.close()
+    with (
+        closing(_Node(folder, certificate)) as node,
+        pytest.raises(FrameError, match=r"no secure connection|closed|no connection|reset"),
+    ):
+        _read(node.port, _files(folder, **files), make=make)
     assert not node.requests
 
 
@@ -173,11 +167,8 @@ def _read_plain(port):
         1,
         secure=lambda connection: context.wrap_socket(connection, server_hostname="127.0.0.1"),
     )
-    pdu, check = read_registers(0, 1)
-    try:
-        link.transact(pdu, check, time.monotonic() + 0.5)
-    finally:
-        link.close()
+    with closing(link):
+        link.transact(*read_registers(0, 1), time.monotonic() + 0.5)
 
 
 def test_a_silent_server_does_not_hold_the_handshake_beyond_the_deadline(folder):

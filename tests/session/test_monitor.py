@@ -12,7 +12,6 @@ import pytest
 from faults.mangler import Mangler, TcpFraming
 
 from hdbench.devices.emulator.node import build_core
-from hdbench.devices.emulator.server import ModbusServer
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
@@ -24,7 +23,7 @@ from hdbench.session.watching import Frame, Watcher
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from faults.lines import behind, in_thread
+from faults.lines import behind, emulated
 
 PROFILE = load_profile("cim-tr-97-06")
 
@@ -119,8 +118,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
         core = build_core(
             SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
         )
-        server = ModbusServer(core)
-        node = stack.enter_context(in_thread(server.open, server.close))[1]
+        node = stack.enter_context(emulated(core))
         address = stack.enter_context(behind(node, spoiler))
         seen = Seen()
 
