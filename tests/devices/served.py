@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from hdbench.devices.bench import Bench, Block
 from hdbench.devices.daq import Daq, ScanBlock
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.memory import Memory
@@ -40,6 +41,16 @@ def read_all(daq: Daq, *, timeout_s: float = 20.0) -> list[ScanBlock]:
         if not block.running and block.depth == 0:
             return blocks
     raise AssertionError(f"not finished within {timeout_s} s")
+
+
+def read_samples(bench: Bench, n_samples: int) -> list[Block]:
+    """Read until so many samples have come, or are told as lost."""
+    blocks: list[Block] = []
+    while sum(len(block) + block.lost_before for block in blocks) < n_samples:
+        block = bench.read_block()
+        if block is not None:
+            blocks.append(block)
+    return blocks
 
 
 def disturb(instrument: SimulatedInstrument, **held_v: float) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from daqkit import ABLE, ROLES, SETTINGS, Clock, FakeDaq, block
+from served import read_samples
 
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.composite import CompositeDaq
@@ -168,12 +169,7 @@ def test_two_emulated_devices_are_one_bench():
         assert bench.identity().model == "T7 + T7"
         bench.configure(AcquisitionSettings(1e-3, 2500, wave))
         bench.start()
-        blocks, got = [], 0
-        while got < 2500:
-            block = bench.read_block()
-            if block is not None:
-                blocks.append(block)
-                got = block.first_index + len(block)
+        blocks = read_samples(bench, 2500)
         doubt_s = bench._samples.doubt_s
         bench.stop()
         assert bench.safe_state().confirmed

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nodekit import PROFILE, driver, host, until
+from served import read_samples
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator, open_bench, stop_bench
 from hdbench.devices.emulator.process import running_emulator
@@ -41,22 +42,13 @@ def _events(record):
     return [json.loads(line) for line in record.read_text().splitlines()]
 
 
-def _read(bench, n_samples):
-    blocks = []
-    while sum(map(len, blocks)) < n_samples:
-        block = bench.read_block()
-        if block:
-            blocks.append(block)
-    return blocks
-
-
 @linux_only
 def test_ten_seconds_of_five_channels_at_1_khz_arrive_whole():
     n_samples = 10_000
     with open_bench(PROFILE, plant="worn", seed=3) as bench:
         bench.configure(AcquisitionSettings(1e-3, n_samples, PROFILE.ripple.reference))
         bench.start()
-        blocks = _read(bench, n_samples)
+        blocks = read_samples(bench, n_samples)
     assert sum(len(block) for block in blocks) == n_samples
     assert sum(block.lost_before for block in blocks) == 0
 
@@ -66,7 +58,7 @@ def test_the_embedded_bench_moves_as_asked_and_ends_safe():
         assert bench.identity().simulated
         bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
         bench.start()
-        blocks = _read(bench, 1000)
+        blocks = read_samples(bench, 1000)
         velocity = np.concatenate([block.tacho_v for block in blocks]) * 56.2565
         # a 15 Hz loop has settled to 1e-6 after 0.2 s; 1 mV of tacho noise is 0.06 rad/s
         assert np.mean(velocity[500:]) == pytest.approx(150.0, abs=0.5)
@@ -79,7 +71,7 @@ def test_the_same_seed_gives_the_same_samples():
         with open_bench(PROFILE, seed=seed) as bench:
             bench.configure(AcquisitionSettings(1e-3, 400, WAVE))
             bench.start()
-            return np.concatenate([block.torque_v for block in _read(bench, 400)])
+            return np.concatenate([block.torque_v for block in read_samples(bench, 400)])
 
     first = run(5)
     np.testing.assert_array_equal(first, run(5))
@@ -152,7 +144,7 @@ def test_a_lost_node_is_a_device_error_at_once():
             if b"emulator" in _command_line(pid):
                 os.kill(pid, signal.SIGKILL)
         with pytest.raises(DeviceError):
-            _read(bench, 1_000_000)
+            read_samples(bench, 1_000_000)
 
 
 def test_an_unknown_plant_is_named_before_anything_starts():
@@ -211,7 +203,7 @@ def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, sto
         with open_bench(PROFILE, address=told["address"]) as bench:
             bench.configure(AcquisitionSettings(1e-3, 50, WAVE))
             bench.start()
-            _read(bench, 50)
+            read_samples(bench, 50)
             assert bench.safe_state().confirmed
         process.send_signal(stop)
         rest, noise = process.communicate(timeout=60)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from nodekit import PROFILE, ManualClock, TinyBench
+from served import read_samples
 
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
@@ -41,19 +42,16 @@ def test_the_embedded_bench_puts_out_the_program_and_follows_it() -> None:
     with open_bench(PROFILE, plant="as-modelled", seed=1, address=None, realtime=False) as bench:
         bench.configure(AcquisitionSettings(0.001, 1150, PROGRAM_OF_FOUR))
         bench.start()
-        volts, speed = [], []
-        while sum(map(len, volts)) < 1150:
-            block = bench.read_block()
-            if block is not None:
-                volts.append(block.reference_v)
-                speed.append(block.tacho_v)
+        blocks = read_samples(bench, 1150)
         bench.stop()
         assert bench.safe_state().confirmed
-    put_out = np.concatenate(volts)
+    put_out, speed = (
+        np.concatenate([getattr(b, name) for b in blocks]) for name in ("reference_v", "tacho_v")
+    )
     # half a code of the converter, and 32-bit floats
     np.testing.assert_allclose(put_out, program_voltage(PROGRAM_OF_FOUR, 0.001), atol=2e-4)
     # the servo has the gain of the tacho and lags by a few time constants of 10 ms
-    assert np.concatenate(speed)[450:500] == pytest.approx(1.5, abs=0.01)
+    assert speed[450:500] == pytest.approx(1.5, abs=0.01)
 
 
 class ProgramBench(TinyBench):

@@ -1,6 +1,8 @@
 """Profiles of Modbus devices: their rules, and the benches that come with hdbench."""
 
+import numpy as np
 import pytest
+from served import read_samples
 
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
@@ -86,12 +88,9 @@ def test_a_ready_bench_measures_a_weight(name):
             )
             bench.configure(AcquisitionSettings(0.1, 8, None))
             bench.start()
-            volts = []
-            while len(volts) < 8:
-                block = bench.read_block()
-                volts += [] if block is None else [*block.torque_v, *([0.0] * block.lost_before)]
+            volts = np.concatenate([block.torque_v for block in read_samples(bench, 8)])
             bench.stop()
-            readings[mass_kg] = sum(volts[-4:]) / 4
+            readings[mass_kg] = np.mean(volts[-4:])
         assert bench.safe_state().confirmed
     # 4 kg on 0.5 m at 6.6 N m/V; the weight may still swing, and a position has its own gain
     assert readings[4.0] - readings[0.0] == pytest.approx(4 * 0.5 * 9.8065 / 6.6, rel=0.2)
@@ -110,15 +109,13 @@ def test_a_composite_moves_the_motor_and_stops_it():
     with open_bench(profile, seed=4) as bench:
         bench.configure(AcquisitionSettings(1e-3, 1500, wave))
         bench.start()
-        taken, speed, counts = 0, [], []
-        while taken < 1500:
-            block = bench.read_block()
-            if block is not None:
-                taken += len(block)
-                speed += list(block.tacho_v * profile.data.tacho.gain_rad_s_per_v)
-                counts += list(block.encoder_count)
+        blocks = read_samples(bench, 1500)
         bench.stop()
         safe = bench.safe_state()
+    tacho_v, counts = (
+        np.concatenate([getattr(b, name) for b in blocks]) for name in ("tacho_v", "encoder_count")
+    )
+    speed = tacho_v * profile.data.tacho.gain_rad_s_per_v
     assert max(speed) == pytest.approx(56.3, rel=0.05)
     assert counts[-1] - counts[0] == pytest.approx(
         sum(speed) * 1e-3 * profile.data.encoder.counts_per_turn / 6.283185, abs=40
