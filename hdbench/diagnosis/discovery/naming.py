@@ -85,9 +85,10 @@ def _table(search: Search, part: int) -> list[Candidate]:
     best = 0.5 * own.statistic
     table = [own]
     for look in looks:
-        if 0.5 * look.statistic < best - _BEHIND_NATS - 0.15 * best:
-            continue
+        # a look at a strong line is less than the line: it is formed first
         start = candidate_of(beside, fit.record, look.term, look.trials, 1.0)
+        if 0.5 * start.statistic < best - _BEHIND_NATS - 0.15 * best:
+            continue
         shaped = refined(beside, fit.record, start)
         table.append(weighed(beside, fit.record, shaped, fit.shapes, base))
     return _with_forms(search, part, table) if own.gain_nats > 0.5 * STRONG else table
