@@ -6,9 +6,16 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.fit import Fit, Part
-from hdbench.diagnosis.discovery.moments import Moments, inverse, solve
+from hdbench.diagnosis.discovery.moments import (
+    Moments,
+    inverse,
+    quick_likelihood,
+    solve,
+    weighted_products,
+)
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.term import Term, moved_term, smooth_shapes, term_columns
 from hdbench.model import first_order, shape_bounds
@@ -307,15 +314,25 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
     moments = fit.all_moments()
     present = [part.form_scale for part in fit.parts]
 
-    def value(scales: Mapping[int, float], needless: Sequence[int] = (), rounds: int = 1) -> float:
+    def at(scales: Mapping[int, float]) -> tuple[NDArray[np.bool_], FloatArray, float]:
+        """Return the active rows, the penalty and the cost of some scales."""
         for index, scale in scales.items():
             fit.parts[index].form_scale = scale
-        active = fit.active & ~np.isin(fit.owner, needless)
-        tried = moments.with_penalty(fit.penalty).without(~active)
-        cost = form_cost(fit) - sum(fit.parts[part].cost_nats for part in needless)
+        found = fit.active, fit.penalty, form_cost(fit)
         for index in scales:
             fit.parts[index].form_scale = present[index]
-        return solve(tried, fit.shapes, fit.spectrum, rounds=rounds).likelihood - cost
+        return found
+
+    def value(scales: Mapping[int, float], needless: Sequence[int] = ()) -> float:
+        active, penalty, cost = at(scales)
+        active = active & ~np.isin(fit.owner, needless)
+        cost -= sum(fit.parts[part].cost_nats for part in needless)
+        tried = moments.with_penalty(penalty).without(~active)
+        return solve(tried, fit.shapes, fit.spectrum, rounds=1).likelihood - cost
+
+    def quick(scales: Mapping[int, float]) -> float:
+        active, penalty, cost = at(scales)
+        return quick_likelihood(weighted, right, penalty, active) - cost
 
     held = sorted(set(fit.owner[fit.form].tolist()))
     if parts is not None:
@@ -327,7 +344,8 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
     if not moves:
         return None
     base = value({})
-    moves.sort(key=lambda scales: -value(scales, rounds=0))
+    weighted, right = weighted_products(moments, fit.spectrum)
+    moves.sort(key=quick, reverse=True)
     tried = [FormMove(value(scales) - base, scales) for scales in moves[:_WITHOUT]]
     for move in tuple(tried) if parts is None else ():
         satellites = _spanned(fit, moments, tuple(move.scales), fit.causes())

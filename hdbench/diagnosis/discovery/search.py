@@ -329,20 +329,17 @@ class Search:
         """Return the most promising pairs of names, weighed together."""
         fit = self.fit
         present = [part.term.cause for part in fit.parts if part.term is not None]
-        names = [x for k, x in looks if k == "name"]
-        out = []
-        for pair in self.names.pairs(view.beside(), names):
+
+        def is_new(pair: tuple[Look, Look]) -> bool:
             one, other = (look.term.cause for look in pair)
-            if same_torque(one, other) or any(
+            return not same_torque(one, other) and not any(
                 same_torque(new, held) for new in (one, other) for held in present
-            ):
-                continue
-            both = pair_of(beside, fit, pair, base)
-            if both[0].gain_nats > _PLAIN_NATS:
-                out.append(both)
-            if len(out) == _PAIRS:
-                break
-        return out
+            )
+
+        names = [x for k, x in looks if k == "name"]
+        likely = [pair for pair in self.names.pairs(view.beside(), names) if is_new(pair)]
+        both_weighed = (pair_of(beside, fit, pair, base) for pair in likely[: 2 * _PAIRS])
+        return [both for both in both_weighed if both[0].gain_nats > _PLAIN_NATS][:_PAIRS]
 
     def accept_slow(self, evidence: float) -> bool:
         """Accept slow noise where it explains more than anything else; return whether it does."""
