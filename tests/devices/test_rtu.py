@@ -161,6 +161,8 @@ class _Slave:
         self.path = os.ttyname(self._slave)
         self.requests = []
         self._answer = answer
+        # its own, whatever a test lets the link read
+        self._read = os.read
         self._ended = False
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -169,7 +171,7 @@ class _Slave:
         waiting = b""
         while not self._ended:
             try:
-                request = os.read(self._master, 512)
+                request = self._read(self._master, 512)
             except OSError:
                 return
             waiting += request
