@@ -16,6 +16,8 @@ SAME_SPACE = 0.01
 LEAST_DOF = 3
 # a step of time longer than this many median periods is a gap: one lost sample makes 2
 GAP = 1.5
+# a cause of which the torque channel passes less than this share of its power is not seen there
+PASSED = 0.1
 # of columns of length 1, what is below this share of the largest is rounding
 RANK = 1e-9
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.dictionary import PASSED
+from hdbench.diagnosis.evidence import PASSED
 from hdbench.model import Cause, Motion, shape_bounds
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import Testable

@@ -20,6 +20,7 @@ from hdbench.diagnosis.discovery.term import (
     is_whole_share,
     term_columns,
 )
+from hdbench.diagnosis.evidence import PASSED, any_of
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
@@ -28,8 +29,6 @@ _MEMORY = 1.2e8
 # one of so many coefficients, picked at random, stands for all where members are correlated
 _SAMPLED = 6
 _LEAST_SAMPLED = 4000
-# a cause of which the torque channel passes less than this share of its power cannot be told here
-PASSED = 0.1
 # directions of a member that hold less than this share of its information say nothing
 _OWN = 1e-4
 # rows are drawn in single precision: below this share of its power a row is rounding
@@ -135,8 +134,8 @@ class Dictionary:
                 continue
             trials = self.family_trials.get(member.term.name, 1.0)
             chance = chi2_tail(statistic, dof)
-            within = -np.expm1(trials * np.log1p(-min(chance, 1.0 - 1e-16)))
-            anywhere = float(-np.expm1(self.all_trials * np.log1p(-min(within, 1.0 - 1e-16))))
+            within = any_of(chance, trials)
+            anywhere = float(any_of(within, self.all_trials))
             found.append(Look(member.term, statistic, dof, trials, anywhere))
         return sorted(found, key=lambda look: round(4.0 * look.dof - look.statistic, 1))
 
@@ -222,7 +221,7 @@ class Dictionary:
         for name, smallest in chances.items():
             trials = _trials(smallest)
             self.family_trials[name] = trials
-            families.append(-np.expm1(trials * np.log1p(-np.minimum(smallest, 1.0 - 1e-16))))
+            families.append(any_of(smallest, trials))
         if families:
             self.all_trials = _trials(np.min(families, axis=0))
 

@@ -20,6 +20,7 @@ from hdbench.diagnosis.discovery.moments import (
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum, make_shapes
 from hdbench.diagnosis.discovery.term import Term, follows_motion, term_columns
+from hdbench.diagnosis.evidence import PASSED
 from hdbench.records.trace import FloatArray
 
 # no torque is known better than to this share of its scatter
@@ -29,8 +30,6 @@ _FLOOR = 1e-3
 _FILTERED_FLOOR = 2e-2
 # a band with less than this many times the floor is empty
 _EMPTY = 10.0
-# a piece of the baseline of which the channel passes less than this share of its power is left out
-_PASSED = 0.1
 # corners of a low-pass that is tried where the torque has no power above some 0.3 of Nyquist,
 # relative to the last frequency with power
 _NARROW = 0.3
@@ -256,7 +255,7 @@ class Fit:
             places = [i for i, s in enumerate(stems) if s == stem]
             prior = record.prior_nm[places]
             passed = scaled_rows(bands, record.columns[:, places])[0]
-            if float(np.sum(passed**2)) < _PASSED * len(places) * len(record):
+            if float(np.sum(passed**2)) < PASSED * len(places) * len(record):
                 continue
             fit.add(stem, None, record.columns[:, places], prior**2)
         for term in known:

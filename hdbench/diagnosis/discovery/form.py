@@ -17,7 +17,13 @@ from hdbench.diagnosis.discovery.moments import (
     weighted_products,
 )
 from hdbench.diagnosis.discovery.record import Record
-from hdbench.diagnosis.discovery.term import Term, moved_term, smooth_shapes, term_columns
+from hdbench.diagnosis.discovery.term import (
+    ABOVE_NOISE,
+    Term,
+    moved_term,
+    smooth_shapes,
+    term_columns,
+)
 from hdbench.model import first_order, shape_bounds
 from hdbench.records.trace import FloatArray
 
@@ -47,8 +53,6 @@ _OWN_SHARE = 0.0025
 # changes of form errors that are tried without what they could say themselves, and the share of a
 # cause's torque that they must span for that
 _WITHOUT, _SPANNED = 4, 0.3
-# an acceleration that never leaves its own noise by this much carries no torque
-_ABOVE_NOISE = 10.0
 # ratios at which other shapes of a family are taken
 _RATIOS = (0.4, 2.5)
 
@@ -278,7 +282,7 @@ def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
 def _accelerates(record: Record) -> bool:
     motion = record.motion
     largest = float(np.abs(motion.acceleration_rad_s2[record.valid]).max())
-    return largest > _ABOVE_NOISE * motion.acceleration_noise_rad_s2
+    return largest > ABOVE_NOISE * motion.acceleration_noise_rad_s2
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from hdbench.diagnosis.discovery.stack import glances, piece_fit, records_of
 from hdbench.diagnosis.discovery.tables import TABLE
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.discovery.transform import PhaseTransform, plan_transform
+from hdbench.diagnosis.evidence import any_of
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.records.trace import FloatArray
 
@@ -360,7 +361,7 @@ def _look(
 def _known(value: float, share: float, dof: int, places: float) -> float:
     """Return the chance of a chi^2 this large at any of some known places."""
     tail = chi2_tail(value * share, dof)
-    return float(-np.expm1(places * np.log1p(-min(tail, 1.0 - 1e-16))))
+    return float(any_of(tail, places))
 
 
 def _whole_names(

@@ -182,11 +182,7 @@ def quick_likelihood(
     `weighted` and `right` are the products of all columns with each other and with the torque.
     """
     information = weighted[np.ix_(kept, kept)] + np.diag(penalty[kept])
-    scale = inverse_scale(np.diag(information))
-    scaled = information * np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] += np.where(scale > 0.0, _RIDGE, 1.0)
-    side = scale * right[kept]
-    quadratic = float(side @ np.linalg.solve(scaled, side))
+    quadratic = float(right[kept] @ _solution(information, right[kept]))
     return 0.5 * (quadratic - _occam(information, penalty[kept]))
 
 
@@ -231,10 +227,15 @@ def _normal(moments: Moments, spectrum: Spectrum) -> tuple[FloatArray, FloatArra
     matrix = _weighted(moments.gram, spectrum)
     matrix[np.diag_indices_from(matrix)] += moments.penalty
     right = weight @ moments.right - moments.penalty * moments.coefficients
-    scale = inverse_scale(np.diag(matrix))
-    scaled = matrix * np.outer(scale, scale)
+    return _solution(matrix, right), matrix
+
+
+def _solution(information: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the coefficients of normal equations; zero for empty columns."""
+    scale = inverse_scale(np.diag(information))
+    scaled = information * np.outer(scale, scale)
     scaled[np.diag_indices_from(scaled)] += np.where(scale > 0.0, _RIDGE, 1.0)
-    return scale * np.linalg.solve(scaled, scale * right), matrix
+    return np.asarray(scale * np.linalg.solve(scaled, scale * right))
 
 
 def inverse_scale(diagonal: FloatArray) -> FloatArray:

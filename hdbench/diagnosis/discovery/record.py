@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange
+from hdbench.diagnosis.evidence import GAP
 from hdbench.estimation.bandwidth import spectrum_of
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-# a step longer than this many median periods is a gap in time: one lost sample makes 2
-_GAP = 1.5
 # name of the columns of a ripple whose lines were sampled too seldom to be followed
 SAMPLED = "sampled-ripple"
 # lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
@@ -160,7 +159,7 @@ def prepare_record(
         prior = np.append(prior, [expected, expected])
     valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
     valid &= np.isfinite(columns).all(axis=1)
-    starts = np.concatenate([[True], steps > _GAP * period])
+    starts = np.concatenate([[True], steps > GAP * period])
     passed = _passed(motion.velocity_rad_s, torque, valid, period)
     if passed < 1.0:
         fixed = smoothed(fixed[:, None], passed)[:, 0]

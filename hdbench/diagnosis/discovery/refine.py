@@ -13,6 +13,7 @@ from hdbench.diagnosis.discovery.moments import solve_best
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes
 from hdbench.diagnosis.discovery.term import (
+    WIDE,
     Term,
     follows_motion,
     harmonics,
@@ -34,8 +35,6 @@ _MULTIPLES = (0.3, 0.55, 1.8, 3.2, 5.6)
 _HARMONIC_SHARE = 0.2
 # amplitudes of a weak effect are expected within seven standard deviations: e^4 = 7.4^2
 _LEAST_WIDTH = float(np.exp(4.0))
-# a domain wider than this ratio is even in its logarithm
-_WIDE = 10.0
 # a table has no name: any name goes before it where it explains as much, at odds of 150 to 1
 _TABLE_PRICE = 5.0
 # nearly every drive has dry and viscous friction: 150 to 1 against a name that says as much
@@ -336,6 +335,6 @@ def _domains(record: Record, term: Term) -> FloatArray:
         bands = bounds[name]
         low = min((a for a, _ in bands), default=0.0)
         high = max((b for _, b in bands), default=0.0)
-        wide = low > 0.0 and high > _WIDE * low
+        wide = low > 0.0 and high > WIDE * low
         widths.append(abs(term.shape[name]) * np.log(high / low) if wide else high - low)
     return np.array(widths)

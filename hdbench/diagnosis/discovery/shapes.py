@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.diagnosis.discovery.record import Record
-from hdbench.diagnosis.discovery.term import Term
+from hdbench.diagnosis.discovery.term import WIDE, Term
 from hdbench.model import Cause, Motion, Parameter, shape_bounds
 from hdbench.records.trace import FloatArray
 
@@ -28,8 +28,6 @@ _SPECIAL = {
 _POINTS = {1: 12, 2: 6, 3: 4}
 # orders of the drive's lobes, at which a cause with further shapes is tried
 _ORDERS = (1.0, 2.0, 4.0, 6.0)
-# a domain wider than this ratio is gridded by equal ratios
-_WIDE = 10.0
 # samples on which members are compared: enough for every slow shape
 _THIN = 4000
 # a shape is left out where one that is kept has this share of its energy in common; less, until a
@@ -54,7 +52,7 @@ def _axis(parameter: Parameter, bands: tuple[tuple[float, float], ...], count: i
             points.append(np.array([float(np.sqrt(low * high)) if low > 0.0 else low]))
         elif parameter.name == "order":
             points.append(np.array([order for order in _ORDERS if low <= order <= high]))
-        elif low > 0.0 and high > _WIDE * low:
+        elif low > 0.0 and high > WIDE * low:
             points.append(np.geomspace(low, high, count))
         else:
             points.append(np.linspace(low, high, count))

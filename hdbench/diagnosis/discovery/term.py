@@ -15,7 +15,9 @@ from hdbench.records.trace import FloatArray
 _SLOPE = 1e-4
 # the noise of an acceleration that is counted is far from normal: nearer than this many of its
 # standard deviations an expected torque is noise
-_ABOVE_NOISE = 10.0
+ABOVE_NOISE = 10.0
+# a domain wider than this ratio is even in its logarithm
+WIDE = 10.0
 # a shape parameter may move by this share of its value in one step
 _STRIDE = 0.3
 
@@ -48,7 +50,7 @@ def term_columns(term: Term, record: Record) -> FloatArray:
     """Return the columns of a term, N m per unit of each linear parameter; 0 where not valid."""
     motion, seen = record.motion, record.valid
     if term.cause.locked_to == "acceleration":
-        floor = _ABOVE_NOISE * motion.acceleration_noise_rad_s2
+        floor = ABOVE_NOISE * motion.acceleration_noise_rad_s2
         seen = seen & (np.abs(motion.acceleration_rad_s2) > floor)
     columns = np.where(seen[:, None], term.cause.columns(motion, term.shape), 0.0)
     columns = np.where(np.isfinite(columns), columns, 0.0)
