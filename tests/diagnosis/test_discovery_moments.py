@@ -7,7 +7,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hdbench.diagnosis.discovery.moments import Moments, solve
+from hdbench.diagnosis.discovery.moments import (
+    Moments,
+    quick_likelihood,
+    solve,
+    weighted_products,
+)
 from hdbench.diagnosis.discovery.refine import log_evidence
 from hdbench.diagnosis.discovery.spectrum import Spectrum, make_shapes
 
@@ -146,3 +151,18 @@ def test_log_evidence_of_several_amplitudes_is_a_ratio_of_gaussian_densities(dof
 
 def test_nothing_has_no_evidence():
     assert log_evidence(0.0, 0) == -np.inf
+
+
+@pytest.mark.parametrize("dropped", [[], [4], [3, 4]])
+def test_quick_likelihoods_differ_as_those_of_a_fit_in_one_noise(case, dropped):
+    penalty = np.array([0.0, 0.0, 0.0, 0.8, 4.0])
+    moments = moments_of(*case, penalty)
+
+    def both(kept):
+        weighted, right = weighted_products(moments, SPECTRUM)
+        solved = solve(moments.without(~kept), SHAPES, SPECTRUM, rounds=0)
+        return quick_likelihood(weighted, right, penalty, kept), solved.likelihood
+
+    quick, full = both(~np.isin(np.arange(5), dropped))
+    first_quick, first_full = both(np.array([True, True, True, True, False]))
+    np.testing.assert_allclose(quick - first_quick, full - first_full, atol=1e-6)

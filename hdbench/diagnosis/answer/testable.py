@@ -13,6 +13,9 @@ from hdbench.model import Cause, Motion, shape_bounds
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import Testable
 
+# middle, low and high of the shapes that this record can tell apart, as shares of their domain; not
+# its very ends, where a step is one sample
+_SHAPES = (0.5, 0.1, 0.9)
 # causes without columns whose power is spread up to half the sampling rate
 _WHITE = frozenset({"quantisation", "spikes", "speed-dependent-noise"})
 _ANGLES = frozenset({"motor_angle_rad", "encoder_count", "motor_velocity_rad_s", "tacho_v"})
@@ -141,9 +144,7 @@ def _additive(cause: Cause, motion: Motion, part: Motion, points: int, torque: _
     if empty is not None:
         return Testable(cause.name, False, f"no {empty} of its domain can be seen on this record")
     looks = []
-    # middle, low and high of the shapes that this record can tell apart, as shares of their domain;
-    # not its very ends, where a step is one sample
-    for at in (0.5, 0.1, 0.9) if cause.shape else (0.5,):
+    for at in _SHAPES if cause.shape else _SHAPES[:1]:
         looks.append(_look(cause.columns(part, _shape(cause, bounds, at)), part, points, torque))
         if torque.whole and looks[-1].changes:
             break

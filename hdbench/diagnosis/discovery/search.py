@@ -47,7 +47,7 @@ from hdbench.records.trace import FloatArray
 
 # share of the false-alarm rate of each kind of look
 SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}
-# looks of each kind that are weighed in one round
+# looks of each kind that are weighed in one round; of pairs twice as many, of which so many stay
 _NAMES, _LINES, _TABLES, _PAIRS = 5, 8, 2, 3
 # a look this many nats behind the best cannot overtake it by a better shape or noise
 _BEHIND = 0.5

@@ -18,6 +18,9 @@ from hdbench.results.diagnosis import ParameterValue
 # samples on each side: there the averaged counting of a 4000-count encoder meets the walk that the
 # tacho's noise of 0.06 rad/s makes at 1 kHz
 _SIDE = 14
+# whole motor turns on each side of a jump: enough for the scatter of the ripple's phase, few enough
+# for a bench that changes slowly
+_TURNS = 40
 # jumps that are judged at most, the largest first
 _MOST = 8
 
@@ -111,9 +114,7 @@ def _torque_nats(
     block = np.where(later, np.floor(turns), -1.0 - np.floor(-turns))
     block[~np.isfinite(torque_nm + angle)] = np.nan
     found, speeds, variances, after = [], [], [], []
-    # whole turns on each side: enough for the scatter of the ripple's phase, few enough for a bench
-    # that changes slowly
-    for number in range(-40, 40):
+    for number in range(-_TURNS, _TURNS):
         rows = np.flatnonzero(block == number)
         # ripple is read from four samples of a turn for each order
         if len(rows) < 4 * max(2, len(orders)):

@@ -23,6 +23,13 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import ParameterValue
 
+# cells of equal counts over the speed, and blocks in time: noise that changes with time alone must
+# not be taken for a law of the speed
+_CELLS, _BLOCKS = 64, 24
+# a wrong form or angle leaves a line that wanders with the speed: so many samples before predict
+# it, and no noise
+_ORDER = 8
+
 
 @dataclass(frozen=True, slots=True)
 class SpeedNoise:
@@ -102,16 +109,13 @@ def _spiky(
 
 def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return what the samples before do not predict, block by block, and its samples."""
-    # a wrong form or angle leaves a line that wanders with the speed: eight samples before predict
-    # it, and no noise
-    order = 8
-    windows = np.lib.stride_tricks.sliding_window_view(np.where(good, white, 0.0), order + 1)
-    rows = np.flatnonzero(good[order:])
+    windows = np.lib.stride_tricks.sliding_window_view(np.where(good, white, 0.0), _ORDER + 1)
+    rows = np.flatnonzero(good[_ORDER:])
     left = np.zeros(len(good))
     for block in np.array_split(rows, max(1, len(rows) // 512)):
         before, now = windows[block, :-1], windows[block, -1]
-        left[block + order] = now - before @ least_squares(before, now)
-    return left, rows + order
+        left[block + _ORDER] = now - before @ least_squares(before, now)
+    return left, rows + _ORDER
 
 
 def _speed_noise(
@@ -124,7 +128,7 @@ def _speed_noise(
         return None, ()
     # the bulk of cells of equal counts over the speed decides: held samples and other outliers are
     # none of the noise; it ends at 3.7 times the median size, 2.5 deviations of normal noise
-    cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], 64)
+    cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], _CELLS)
     sizes = np.abs(left)
     cells = [cell[sizes[cell] <= 3.7 * float(np.median(sizes[cell]))] for cell in cells]
     bulk = np.sort(np.concatenate(cells))
@@ -140,8 +144,7 @@ def _speed_noise(
         values = np.maximum(np.linalg.solve(fisher, weighted.T @ means), 1e-3)
     variance = design @ values
     gain = 0.5 * float(np.sum(count * (means - np.log(variance) - means / variance)))
-    # noise that changes with time alone is no law of the speed
-    blocks = np.array_split(squares[bulk], 24)
+    blocks = np.array_split(squares[bulk], _BLOCKS)
     by_time = -0.5 * sum(len(part) * float(np.log(part.mean())) for part in blocks)
     # squares of normal values have a variance of 2, those of the bulk less
     gain, by_time = (one * 2.0 / float(np.var(squares[bulk])) for one in (gain, by_time))

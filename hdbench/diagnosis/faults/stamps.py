@@ -12,6 +12,8 @@ from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
+# samples on each side of a step whose earliest stamp tells what is missing
+_BESIDE = 7
 # channels that tell what the bench measured at a moment
 _TOLD = ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v")
 _MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
@@ -19,9 +21,8 @@ _MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
 
 def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
     """Return the indices k where samples are missing between k and k + 1."""
-    # samples on each side whose earliest tells what is missing
-    steps, beside = np.diff(time_s), 7
-    span = 2 * beside + 1
+    steps = np.diff(time_s)
+    span = 2 * _BESIDE + 1
     if len(steps) < span:
         return np.flatnonzero(steps > GAP * np.median(steps)) if len(steps) else np.array([], int)
     part = steps / float(np.median(steps))
@@ -31,8 +32,8 @@ def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
     # late stamps are made up for: the earliest ones on each side keep their places
     usual = float(np.median(time_s[span:] - time_s[:-span])) / span
     late = time_s / usual - np.arange(len(time_s))
-    after = minimum_filter1d(late, beside, origin=-(beside // 2), mode="nearest")[1:]
-    before = minimum_filter1d(late, beside, origin=beside // 2, mode="nearest")[:-1]
+    after = minimum_filter1d(late, _BESIDE, origin=-(_BESIDE // 2), mode="nearest")[1:]
+    before = minimum_filter1d(late, _BESIDE, origin=_BESIDE // 2, mode="nearest")[:-1]
     return np.asarray(long[(after - before)[long] > 0.5])
 
 

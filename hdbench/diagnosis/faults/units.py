@@ -23,6 +23,9 @@ _SAME = 0.5
 _SIGN_STD = 0.2
 # share of the torque's fast variance that ripple explains on the right angle, and on a wrong one
 _RIGHT, _WRONG = 0.3, 0.03
+# samples of the running mean that takes load, gravity and misalignment out: some periods of ripple
+# at walking pace
+_SLOW = 301
 
 # factor of angle over velocity, what it says of the angle, what it says of the velocity
 _UNITS = (
@@ -111,15 +114,13 @@ def _regressed(
 ) -> tuple[float, float, float]:
     """Return the share of fast torque that ripple and others explain, and the first one's size."""
     good = np.isfinite(sum(others, torque + angle))
-    # samples of the running mean that takes load, gravity and misalignment out: some periods of
-    # ripple at walking pace; the ends have no mean
-    slow = 301
-    if int(good.sum()) < 4 * slow:
+    if int(good.sum()) < 4 * _SLOW:
         return 0.0, 0.0, float(np.inf)
     orders = baseline_orders(profile)
     waves = [wave(order * angle) for order in orders for wave in (np.cos, np.sin)]
-    columns = [fast_part(column[good], slow) for column in (torque, *others, *waves)]
-    response, *columns = [column[slow:-slow] for column in columns]
+    columns = [fast_part(column[good], _SLOW) for column in (torque, *others, *waves)]
+    # the ends have no running mean
+    response, *columns = [column[_SLOW:-_SLOW] for column in columns]
     design = np.column_stack(columns)
     inverse = np.linalg.pinv(design.T @ design)
     solution = inverse @ (design.T @ response)

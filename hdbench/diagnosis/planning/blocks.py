@@ -15,6 +15,12 @@ Steps = tuple[Segment | LoadStep, ...]
 _RAMP_SHARE = 0.25
 # length of a rest; a long run between two of them shows the course of what is slow
 _REST_S = 8.0
+# a sine of speed that inertia feels, and whose acceleration the servo still follows
+_FAST_HZ = 2.0
+# output angles of locked loads: four equal steps would hide the second order
+_ANGLES_RAD = (0.0, 1.771, 3.142, 4.912)
+# two levels of each sign fix the size and the bend of any curve over the load, more test its law
+_LEVELS = (0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.4, 0.2)
 
 
 def joined(name: str, chosen: Iterable[MotionPlan], purpose: str = "") -> MotionPlan:
@@ -44,14 +50,8 @@ def blocks(profile: ProfileData, *, long_s: float = 150.0) -> tuple[MotionPlan, 
     middle, turning = 0.4 * top, _rounded(0.75 * top)
     # three turns of the output
     turns_s = math.ceil(6.0 * math.pi * profile.drive.gear_ratio / turning)
-    # a sine that inertia feels and the servo still follows, as fast as the ramps' acceleration
-    fast_hz = 2.0
-    most = _RAMP_SHARE * profile.servo.max_acceleration_rad_s2 / (2.0 * math.pi * fast_hz)
+    most = _RAMP_SHARE * profile.servo.max_acceleration_rad_s2 / (2.0 * math.pi * _FAST_HZ)
     fast = _rounded(min(most, 0.5 * top))
-    # four equal steps of the output would hide the second order
-    angles_rad = (0.0, 1.771, 3.142, 4.912)
-    # two levels of each sign fix size and bend of any curve over the load, more test its law
-    levels = (0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.4, 0.2)
     return (
         MotionPlan(
             "rest",
@@ -82,7 +82,7 @@ def blocks(profile: ProfileData, *, long_s: float = 150.0) -> tuple[MotionPlan, 
         ),
         MotionPlan(
             "speed sine",
-            (Segment("sine", 16 / fast_hz, fast, fast_hz, note="acceleration"),),
+            (Segment("sine", 16 / _FAST_HZ, fast, _FAST_HZ, note="acceleration"),),
             "acceleration without much speed: inertia, time skew and what follows the acceleration "
             "come out of what follows the speed",
         ),
@@ -108,13 +108,13 @@ def blocks(profile: ProfileData, *, long_s: float = 150.0) -> tuple[MotionPlan, 
         ),
         MotionPlan(
             "locked load",
-            _locked(profile, product(angles_rad, (0.3, 0.8, 0.3, -0.3, -0.8, -0.3)), 4.0),
+            _locked(profile, product(_ANGLES_RAD, (0.3, 0.8, 0.3, -0.3, -0.8, -0.3)), 4.0),
             "loads up and down, both signs, at four output angles with nothing moving: gain, its "
             "change over the angle, non-linearity and hysteresis without ripple and friction",
         ),
         MotionPlan(
             "load levels",
-            _locked(profile, [(0.0, sign * s) for sign in (1.0, -1.0) for s in levels], 3.0),
+            _locked(profile, [(0.0, sign * s) for sign in (1.0, -1.0) for s in _LEVELS], 3.0),
             "five levels of load, up and down, both signs, up to the rated torque with nothing "
             "moving: whether the reading bends with the cube of the load, at a knee or at a limit",
         ),
