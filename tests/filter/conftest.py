@@ -1,7 +1,5 @@
 """Fixtures of the filter's tests: the bench, and both kernel forms."""
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from pathlib import Path

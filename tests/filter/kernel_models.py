@@ -1,7 +1,5 @@
 """Filter models and samples for the kernel's tests, and the kernel called with a model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

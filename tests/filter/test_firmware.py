@@ -1,7 +1,5 @@
 """Exported source: builds without a warning, answers as the host, here and on a Cortex-M4F."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
