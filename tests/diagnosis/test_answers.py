@@ -131,7 +131,7 @@ SCENES = {
             partial(slow_tone, hertz, period_s, n, pole),
             [TONES],
             {"frequency_hz": (hertz, 0.0)},
-            campaign=n != 1200,
+            campaign=True,
         )
         for hertz, period_s, n, pole in (
             (5.0, 5e-3, 2400, 0.9),
@@ -202,13 +202,11 @@ def test_a_narrow_resonance_is_seen_wherever_it_lies(hertz):
     assert found.causes[0].name == "torsional-resonance"
 
 
-def test_a_hum_is_not_told_from_a_tone_and_few_turns_show_no_bearing():
-    found = diagnose_trace(record(tone(50.02, 0.08)), PROFILE)
-    (cause,) = found.causes
+def test_a_hum_is_not_told_from_a_tone():
+    (cause,) = diagnose_trace(record(tone(50.02, 0.08)), PROFILE).causes
     assert set(cause.group) == {"mains-hum", "structural-tone"}
-    short = diagnose_trace(reversing(seed=3), PROFILE)
-    (reason,) = [t.because for t in short.testable if t.name == "bearing-defect"]
-    assert "12.2 turns; needed: 100" in reason
+    frequency = cause.parameters["frequency_hz"]
+    assert abs(frequency.value - 50.02) <= 4.0 * frequency.std
 
 
 def test_friction_on_a_staircase_of_speeds_is_named_with_its_slope():
@@ -358,7 +356,6 @@ def test_a_short_arc_says_nothing_about_a_misalignment_and_leaves_it():
 @pytest.mark.parametrize(
     ("terms", "named", "order"),
     [
-        ((), {"ripple-harmonic"}, 6.0),
         (("+order:6",), set(), None),
         (("+order:6", "-order:4", "-misalignment"), {"ripple-harmonic", "misalignment"}, 4.0),
     ],

@@ -2,12 +2,13 @@
 
 import json
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import static_bench as bench
+from load_readings import simulate_loads
 
 from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.diagnosis.static import diagnose_loads
@@ -16,10 +17,6 @@ from hdbench.importing.importer import import_files
 from hdbench.importing.recipe import Recipe
 from hdbench.profile import load_profile
 from hdbench.records import Loads, read_loads, write_loads
-
-sys.path.insert(0, str(Path(__file__).parent))
-import static_bench as bench
-from load_readings import simulate_loads
 
 PROFILE = load_profile("cim-tr-97-06")
 DATA = os.environ.get("HDBENCH_DATA")

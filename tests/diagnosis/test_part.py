@@ -1,7 +1,5 @@
 """Part of a record that is diagnosed: a named one, or as much as one diagnosis takes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -19,13 +17,13 @@ def trace(n: int = 100) -> Trace:
     return Trace({"time_s": time_s, "torque_nm": np.arange(n, dtype=float)})
 
 
-def test_a_whole_record_is_itself() -> None:
+def test_a_whole_record_is_itself():
     whole = trace()
     assert part_of(whole) == (whole, None)
     assert part_of(whole, 0.0, 100.0) == (whole, None)
 
 
-def test_both_ends_belong_to_the_part() -> None:
+def test_both_ends_belong_to_the_part():
     held, part = part_of(trace(), 5.2, 5.4)
     assert part is not None
     assert held["torque_nm"].tolist() == list(range(20, 41))
@@ -33,7 +31,7 @@ def test_both_ends_belong_to_the_part() -> None:
     assert (part.samples, part.of_samples, part.cut) == (21, 100, False)
 
 
-def test_a_long_record_is_cut_and_says_so() -> None:
+def test_a_long_record_is_cut_and_says_so():
     held, part = part_of(trace(), from_s=5.5, most=30)
     assert part is not None
     assert held["torque_nm"][[0, -1]].tolist() == [50.0, 79.0]
@@ -41,14 +39,12 @@ def test_a_long_record_is_cut_and_says_so() -> None:
 
 
 @pytest.mark.parametrize(("from_s", "to_s"), [(7.0, None), (None, 4.0), (5.4, 5.2)])
-def test_an_empty_part_is_told_with_the_records_ends(
-    from_s: float | None, to_s: float | None
-) -> None:
+def test_an_empty_part_is_told_with_the_records_ends(from_s, to_s):
     with pytest.raises(DataError, match=r"runs from 5 to 5\.99 s"):
         part_of(trace(), from_s, to_s)
 
 
-def test_loads_have_no_clock(tmp_path, capsys) -> None:
+def test_loads_have_no_clock(tmp_path, capsys):
     loads = tmp_path / "loads.csv"
     loads.write_text("experiment,direction,torque_nm,reading_v\n1,cw,1,0.1\n")
     words = ["diagnose", str(loads), "--from-s", "1", "--out", str(tmp_path), "--json"]
