@@ -1,7 +1,5 @@
 """`hdbench batch`: the single command's results, rows with errors, deaths, Ctrl-C, --resume."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -61,7 +59,7 @@ def table(out: Path) -> list[dict[str, str]]:
         return [{**row, "seconds": ""} for row in csv.DictReader(file)]
 
 
-def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces: Path, tmp_path: Path):
+def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path):
     out = tmp_path / "out"
     words = ["run-ripple", traces, "--no-report", "--workers", "2", "--out", out]
     first = batch(*words, "--json")
@@ -97,7 +95,7 @@ def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces: Path, tm
     assert batch(*words).returncode == 2
 
 
-def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path: Path):
+def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path):
     script = Path(__file__).with_name("deaths.py")
     words = [sys.executable, str(script), str(tmp_path)]
     ran = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -145,7 +143,7 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
     assert asked
 
 
-def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path, tmp_path: Path):
+def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_path):
     # so long that the batch is not done when the signal arrives
     for seed in range(3, 6):
         record(traces / f"drive-{seed}.csv", seed, 25)
@@ -185,7 +183,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path,
         ("diagnose", (), {"x"}),
     ],
 )
-def test_every_command_leaves_its_own_files(command, options, results, tmp_path: Path):
+def test_every_command_leaves_its_own_files(command, options, results, tmp_path):
     for name in ("results", ".parts"):
         (tmp_path / "out" / name).mkdir(parents=True)
     source = record(tmp_path / "x.csv", 0)
@@ -202,7 +200,7 @@ def test_every_command_leaves_its_own_files(command, options, results, tmp_path:
     assert known["row"] is None
 
 
-def test_inputs_are_files_folders_patterns_and_lists(traces: Path, tmp_path: Path):
+def test_inputs_are_files_folders_patterns_and_lists(traces, tmp_path):
     four = sorted(traces.iterdir())
     assert [entry.path for entry in expand_inputs([str(traces)])] == four
     pattern = expand_inputs([str(traces / "drive-*.csv"), str(four[0])])
@@ -217,7 +215,7 @@ def test_inputs_are_files_folders_patterns_and_lists(traces: Path, tmp_path: Pat
         expand_inputs([str(tmp_path / "*.none")])
 
 
-def test_a_batch_folder_has_one_writer_and_survives_a_torn_line(tmp_path: Path):
+def test_a_batch_folder_has_one_writer_and_survives_a_torn_line(tmp_path):
     entry = Input(record(tmp_path / "a.csv", 0))
     done = {"stamps": stamps_of(entry.path), "row": {
         "input": "a.csv", "sha256": "0", "exit_code": 4, "error": "=1+1", "result": None,
@@ -241,7 +239,7 @@ def test_a_batch_folder_has_one_writer_and_survives_a_torn_line(tmp_path: Path):
     assert len((tmp_path / "out" / "batch.jsonl").read_text().splitlines()) == 4
 
 
-def test_names_of_results_are_unique_and_stay(tmp_path: Path):
+def test_names_of_results_are_unique_and_stay(tmp_path):
     inputs = [Input(tmp_path / place) for place in ("a/x.csv", "b/x.csv", "x.csv.gz")]
     folder = BatchFolder(tmp_path / "out", "filter", resume=False)
     assert folder.names(inputs) == ["x", "x-2", "x-3"]

@@ -1,7 +1,5 @@
 """Shape of the curve: published regressions, lack of fit, a published torque arm."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -30,7 +28,7 @@ UP = np.array(
 STEPS = np.array([8.0, 16.0, 24.0, 32.0, 40.0])
 
 
-def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_series() -> None:
+def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_series():
     found = series_lack_of_fit(STEPS, UP)
     assert found is not None
     # half a unit of the last printed digit; the fourth is -0.2955, printed as -0.29
@@ -45,7 +43,7 @@ def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_ser
     assert found.relative == pytest.approx(0.0006, abs=5e-5)
 
 
-def test_the_loop_of_the_worked_series_has_the_printed_area_and_width() -> None:
+def test_the_loop_of_the_worked_series_has_the_printed_area_and_width():
     torque = np.array([0.0, 8.0, 16.0, 24.0, 32.0, 40.0])
     up = np.array([0.013, 1.220, 2.432, 3.643, 4.857, 6.073])
     down = np.array([0.016, 1.241, 2.460, 3.671, 4.876, 6.073])
@@ -58,7 +56,7 @@ def test_the_loop_of_the_worked_series_has_the_printed_area_and_width() -> None:
     assert 100.0 * found.relative == pytest.approx(0.462, abs=5e-4)
 
 
-def test_a_lens_and_a_constant_width_are_told_apart() -> None:
+def test_a_lens_and_a_constant_width_are_told_apart():
     torque = np.linspace(0.0, 40.0, 9)
     share = torque / 40.0
     up = torque / 6.6
@@ -69,13 +67,13 @@ def test_a_lens_and_a_constant_width_are_told_apart() -> None:
     assert found.lens_nm == pytest.approx(0.8, rel=1e-9)
 
 
-def test_branches_without_a_common_torque_have_no_loop() -> None:
+def test_branches_without_a_common_torque_have_no_loop():
     assert loading_loop((STEPS, STEPS), (STEPS + 100.0, STEPS), 6.6, 0.1) is None
     assert loading_loop((STEPS, STEPS), (STEPS[:0], STEPS[:0]), 6.6, 0.1) is None
 
 
 @needs_data
-def test_the_torque_arm_has_its_hysteresis_and_zero_return() -> None:
+def test_the_torque_arm_has_its_hysteresis_and_zero_return():
     readings = []
     for file, series in (("ascending", "up"), ("descending", "down")):
         path = Path(str(DATA)) / "unh_torque_arm_cal" / f"torque_arm_{file}.csv"

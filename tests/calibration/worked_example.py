@@ -1,7 +1,5 @@
 """A published synthetic calibration: four series in three positions, 40 N m, readings to 1 mV."""
 
-from __future__ import annotations
-
 import math
 
 from hdbench.records import LoadReading, Loads

@@ -1,7 +1,5 @@
 """`hdbench runs list` and `runs note`: which runs there are, of which drive, with what noted."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

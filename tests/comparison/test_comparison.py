@@ -1,7 +1,5 @@
 """Two results held against each other: closed forms, simulated coverage, damaged input."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -57,7 +55,7 @@ def scale(std: float = 0.08, source: str = "calibration R") -> dict[str, Any]:
 # -- the score ----------------------------------------------------------------------------------
 
 
-def test_independent_quantities_have_the_root_sum_of_squares() -> None:
+def test_independent_quantities_have_the_root_sum_of_squares():
     found = compared(NAMED, Quantity(1.0, 0.03), Quantity(1.1, 0.04), confidence=0.95)
     assert found.difference is not None
     assert found.difference.std == pytest.approx(0.05)
@@ -66,7 +64,7 @@ def test_independent_quantities_have_the_root_sum_of_squares() -> None:
     assert found.correlation == 0.0
 
 
-def test_a_common_part_takes_twice_the_covariance_off() -> None:
+def test_a_common_part_takes_twice_the_covariance_off():
     a, b = Quantity(10.0, 0.5), Quantity(12.0, 0.6)
     found = compared(NAMED, a, b, common=(SharedPart(0.4, 0.48),), confidence=0.95)
     r = 0.4 * 0.48 / (0.5 * 0.6)
@@ -76,7 +74,7 @@ def test_a_common_part_takes_twice_the_covariance_off() -> None:
     assert found.difference.std == pytest.approx(expected)
 
 
-def test_what_is_left_of_an_uncertainty_has_the_dof_it_was_made_of() -> None:
+def test_what_is_left_of_an_uncertainty_has_the_dof_it_was_made_of():
     noise, gain = (3.9e-4, 41.0), (4.9e-3, 3.0)
     std, dof = combine(noise, gain)
     left = own_part(Quantity(0.39, std, dof), [gain])
@@ -84,7 +82,7 @@ def test_what_is_left_of_an_uncertainty_has_the_dof_it_was_made_of() -> None:
     assert left[1] == pytest.approx(noise[1], rel=1e-3)
 
 
-def test_the_same_number_twice_has_not_moved_and_another_without_uncertainty_has() -> None:
+def test_the_same_number_twice_has_not_moved_and_another_without_uncertainty_has():
     same = compared(NAMED, Quantity(1.0, 0.0), Quantity(1.0, 0.0), confidence=0.95)
     assert (same.score, same.moved) == (0.0, False)
     other = compared(NAMED, Quantity(1.0, 0.0), Quantity(1.1, 0.0), confidence=0.95)
@@ -131,15 +129,13 @@ def false_alarms(place: Path, certificates: tuple[str, str], n: int) -> float:
     # degrees of freedom is covered by 95 to 97 %
     [(("K1", "K1"), 0.05), (("K1", "K2"), 0.03)],
 )
-def test_two_calibrations_of_one_sensor_are_told_apart_in_5_of_100(
-    certificates: tuple[str, str], lowest: float, tmp_path: Path
-) -> None:
+def test_two_calibrations_of_one_sensor_are_told_apart_in_5_of_100(certificates, lowest, tmp_path):
     n = 400
     slack = 3.0 * math.sqrt(0.05 * 0.95 / n)
     assert lowest - slack < false_alarms(tmp_path, certificates, n) < 0.05 + slack
 
 
-def test_the_same_certificate_correlates_and_another_does_not(tmp_path: Path) -> None:
+def test_the_same_certificate_correlates_and_another_does_not(tmp_path):
     rng = np.random.default_rng(2)
     a = drawn(rng, tmp_path, "a.json", 0.0, budget=[row("K1")])
     b = drawn(rng, tmp_path, "b.json", 0.0, budget=[row("K1")])
@@ -151,7 +147,7 @@ def test_the_same_certificate_correlates_and_another_does_not(tmp_path: Path) ->
     assert compare_runs(a, b, independent=True).quantities[0].correlation == 0.0
 
 
-def test_what_a_position_does_every_time_cancels(tmp_path: Path) -> None:
+def test_what_a_position_does_every_time_cancels(tmp_path):
     # 3 % between positions, the same in both; a true change of 0.5 %
     spread = {0.0: 6.4, 1.5: 6.7, 3.0: 6.5, 4.5: 6.8}
     after = {
@@ -171,7 +167,7 @@ def test_what_a_position_does_every_time_cancels(tmp_path: Path) -> None:
     assert paired.score == pytest.approx(abs(float(t.statistic)) / k, rel=1e-9)
 
 
-def test_half_a_turn_written_with_four_digits_is_the_same_position(tmp_path: Path) -> None:
+def test_half_a_turn_written_with_four_digits_is_the_same_position(tmp_path):
     places = (0.0, math.pi / 2.0, math.pi, 1.5 * math.pi)
     sides = []
     for name, angles in (("a", places), ("b", [round(at, 4) for at in places])):
@@ -181,7 +177,7 @@ def test_half_a_turn_written_with_four_digits_is_the_same_position(tmp_path: Pat
     assert "4 positions" in found.quantities[1].label
 
 
-def test_positions_that_differ_leave_the_means_to_decide(tmp_path: Path) -> None:
+def test_positions_that_differ_leave_the_means_to_decide(tmp_path):
     a = store(
         tmp_path / "a.json", "calibration", **calibration({0.0: 6.6, 2.0: 6.6, 4.0: 6.61}, 0.01)
     )
@@ -213,7 +209,7 @@ def misalignment(amplitude: float, phase: float = 0.3, **more: Any) -> dict[str,
     }
 
 
-def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path: Path) -> None:
+def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path):
     # the report, section 5: 10 N m peak to peak before, less than 2 N m after
     a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
     b = store(tmp_path / "b.json", "misalignment", **misalignment(0.9, phase=-1.0))
@@ -228,7 +224,7 @@ def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path: Path) -> N
     assert "10 to 1.8 N m" in found.sentence
 
 
-def test_another_gain_in_each_is_independent(tmp_path: Path) -> None:
+def test_another_gain_in_each_is_independent(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
     other = misalignment(5.0, torque_scale=scale(source="calibration S"))
     b = store(tmp_path / "b.json", "misalignment", **other)
@@ -238,7 +234,7 @@ def test_another_gain_in_each_is_independent(tmp_path: Path) -> None:
     assert found.verdict == "within-uncertainty"
 
 
-def test_a_turned_misalignment_counts_only_with_one_origin(tmp_path: Path) -> None:
+def test_a_turned_misalignment_counts_only_with_one_origin(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
     b = store(tmp_path / "b.json", "misalignment", **misalignment(1.0, phase=1.3))
     assert compare_runs(a, b).verdict == "within-uncertainty"
@@ -264,7 +260,7 @@ def turned(z: complex, angle: float) -> complex:
     return z * complex(math.cos(angle), math.sin(angle))
 
 
-def test_a_pattern_turned_by_any_shift_is_the_same_pattern() -> None:
+def test_a_pattern_turned_by_any_shift_is_the_same_pattern():
     two, four = 0.4 + 0.1j, 0.15 - 0.1j
     for shift in (0.0, 0.7, 2.0, -2.9):
         found = compare_pattern(
@@ -281,7 +277,7 @@ def test_a_pattern_turned_by_any_shift_is_the_same_pattern() -> None:
         assert math.remainder(found.shift_rad - shift, math.pi) == pytest.approx(0.0, abs=1e-5)
 
 
-def test_a_phase_between_the_orders_that_changed_is_found() -> None:
+def test_a_phase_between_the_orders_that_changed_is_found():
     two, four = 0.4 + 0.1j, 0.15 - 0.1j
     moved = [pair(2.0, two, two, 0.001), pair(4.0, four, turned(four, 0.3), 0.001)]
     found = compare_pattern(moved, same_origin=False, confidence=0.95)
@@ -291,7 +287,7 @@ def test_a_phase_between_the_orders_that_changed_is_found() -> None:
 
 
 @pytest.mark.parametrize(("same_origin", "free"), [(True, 4), (False, 3)])
-def test_two_patterns_of_one_truth_are_told_apart_in_5_of_100(same_origin: bool, free: int) -> None:
+def test_two_patterns_of_one_truth_are_told_apart_in_5_of_100(same_origin, free):
     rng = np.random.default_rng(8)
     truth = {2.0: 0.4 + 0.1j, 4.0: 0.15 - 0.1j}
     std, n = 0.005, 300
@@ -331,7 +327,7 @@ def ripple(*orders: tuple[float, float, float]) -> dict[str, Any]:
     }
 
 
-def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path: Path) -> None:
+def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path):
     a = store(tmp_path / "a.json", "ripple", **ripple((2.0, 0.4, 0.1), (4.0, 0.2, 1.0)))
     b = store(tmp_path / "b.json", "ripple", **ripple((2.0, 0.5, 0.1)))
     found = compare_runs(a, b)
@@ -344,7 +340,7 @@ def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path: Pa
 # -- diagnosis, files, errors -------------------------------------------------------------------
 
 
-def test_a_new_cause_and_a_grown_one_are_named(tmp_path: Path, named_cause) -> None:
+def test_a_new_cause_and_a_grown_one_are_named(tmp_path, named_cause):
     def cause(name: str, value: float) -> dict[str, Any]:
         place = {"value": 6.0, "std": None, "unit": "s"}
         size = {"value": value, "std": 0.01, "unit": "N m"}
@@ -360,7 +356,7 @@ def test_a_new_cause_and_a_grown_one_are_named(tmp_path: Path, named_cause) -> N
     assert compare_runs(a, a).verdict == "within-uncertainty"
 
 
-def test_two_kinds_are_refused_with_exit_4(tmp_path: Path) -> None:
+def test_two_kinds_are_refused_with_exit_4(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
     b = store(tmp_path / "b.json", "ripple", **ripple((2.0, 0.4, 0.1)))
     with pytest.raises(DataError, match="a ripple result against a misalignment result") as caught:
@@ -378,7 +374,7 @@ def test_two_kinds_are_refused_with_exit_4(tmp_path: Path) -> None:
         {"torque_scale": {"gain_nm_per_v": {"value": "x"}}},
     ],
 )
-def test_a_misshapen_entry_is_named_and_no_bug(tmp_path: Path, damage: dict[str, Any]) -> None:
+def test_a_misshapen_entry_is_named_and_no_bug(tmp_path, damage):
     good = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
     bad = store(tmp_path / "b.json", "misalignment", **{**misalignment(1.0), **damage})
     with pytest.raises(DataError) as caught:
@@ -387,7 +383,7 @@ def test_a_misshapen_entry_is_named_and_no_bug(tmp_path: Path, damage: dict[str,
     assert compare_runs(good, good).verdict == "within-uncertainty"
 
 
-def test_other_files_and_a_wrong_confidence_are_refused(tmp_path: Path) -> None:
+def test_other_files_and_a_wrong_confidence_are_refused(tmp_path):
     other = store(tmp_path / "o.json", "orders")
     with pytest.raises(DataError, match="schema"):
         compare_runs(other, other)
@@ -400,7 +396,7 @@ def test_other_files_and_a_wrong_confidence_are_refused(tmp_path: Path) -> None:
             compare_runs(good, good, confidence=confidence)
 
 
-def test_the_csv_holds_the_numbers_of_the_json(tmp_path: Path) -> None:
+def test_the_csv_holds_the_numbers_of_the_json(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
     b = store(tmp_path / "b.json", "misalignment", **misalignment(0.9))
     found = compare_runs(a, b)
@@ -432,7 +428,7 @@ def with_loads(folder: Path, gain: float, zero_v: float) -> Path:
     return folder
 
 
-def test_the_overlay_shows_readings_off_the_first_line(tmp_path: Path) -> None:
+def test_the_overlay_shows_readings_off_the_first_line(tmp_path):
     a = with_loads(tmp_path / "a", 6.6, 0.05)
     b = with_loads(tmp_path / "b", 6.0, -0.03)
     curves = compare_runs(a, b).overlay
@@ -447,7 +443,7 @@ def test_the_overlay_shows_readings_off_the_first_line(tmp_path: Path) -> None:
     assert found.verdict == "moved"
 
 
-def test_profile_and_environment_are_compared_key_by_key(tmp_path: Path) -> None:
+def test_profile_and_environment_are_compared_key_by_key(tmp_path):
     profile = Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml"
     text = profile.read_text()
     for name, wave, seed in (("a", text, "sim-0"), ("b", text.replace("46.0 ", "47.0 "), "sim-1")):

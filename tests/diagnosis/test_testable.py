@@ -44,7 +44,7 @@ def motion(seconds: float = 40.0) -> Motion:
 def told(where: Motion, **changed: object) -> dict[str, tuple[bool, str]]:
     """Return what is said of each name."""
     limits = {**LIMITS, **changed}
-    answer = room.testable(catalogue().values(), where, **limits)  # type: ignore[arg-type]
+    answer = room.testable(catalogue().values(), where, **limits)
     return {one.name: (one.testable, one.because) for one in answer}
 
 

@@ -1,7 +1,5 @@
 """Makes the helpers beside the tests importable, and the report's bench."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Makes the traces of the ripple tests importable."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

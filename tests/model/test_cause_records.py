@@ -189,7 +189,7 @@ def lines_executed(work: Callable[[], object], enough: int) -> int:
         return trace
 
     before = sys.gettrace()
-    sys.settrace(trace)  # type: ignore[arg-type]
+    sys.settrace(trace)
     try:
         work()
     finally:

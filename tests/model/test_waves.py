@@ -40,7 +40,7 @@ def test_piecewise_waves_follow_their_definition(wave, index, edges):
     # zero and one half, which are exact in binary
     duty, rise, fall = (Fraction(e, 1001) for e in edges)
     reference = ReferenceWave(
-        wave=wave,  # type: ignore[arg-type]
+        wave=wave,
         bias_v=0.25,
         amplitude_v=2.0,
         frequency_hz=0.5,
@@ -85,7 +85,7 @@ def test_chirp_runs_from_the_first_to_the_second_frequency():
 )
 def test_periodic_waves_repeat(wave, frequency, index, periods):
     reference = ReferenceWave(
-        wave=wave,  # type: ignore[arg-type]
+        wave=wave,
         amplitude_v=1.0,
         frequency_hz=frequency,
         duty=0.5,

@@ -1,7 +1,5 @@
 """Exported records equal the originals, read back by the programs' own libraries."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -34,7 +32,7 @@ def loads_file(tmp_path: Path) -> Path:
     return file
 
 
-def test_parquet_holds_numbers_units_and_origin(trace_file: Path, tmp_path: Path) -> None:
+def test_parquet_holds_numbers_units_and_origin(trace_file, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     out = export_records(gather(trace_file, ARM), tmp_path / "out", "parquet")
     table = parquet.read_table(out)
@@ -46,7 +44,7 @@ def test_parquet_holds_numbers_units_and_origin(trace_file: Path, tmp_path: Path
     assert table["own column"].to_pylist() == [7.0, 8.0]
 
 
-def test_hdf5_holds_numbers_units_and_words(loads_file: Path, tmp_path: Path) -> None:
+def test_hdf5_holds_numbers_units_and_words(loads_file, tmp_path):
     h5py = pytest.importorskip("h5py")
     out = export_records(gather(loads_file, ARM), tmp_path, "hdf5")
     with h5py.File(out) as file:
@@ -58,7 +56,7 @@ def test_hdf5_holds_numbers_units_and_words(loads_file: Path, tmp_path: Path) ->
         assert len(file.attrs["sha256"]) == 64
 
 
-def test_mat_holds_a_structure_of_columns(trace_file: Path, tmp_path: Path) -> None:
+def test_mat_holds_a_structure_of_columns(trace_file, tmp_path):
     from scipy.io import loadmat
 
     text = trace_file.read_text().replace("own column", "own_column")
@@ -70,14 +68,14 @@ def test_mat_holds_a_structure_of_columns(trace_file: Path, tmp_path: Path) -> N
     assert body["about"]["source"] == str(trace_file)
 
 
-def test_a_name_that_matlab_cannot_hold_is_told(trace_file: Path, tmp_path: Path) -> None:
+def test_a_name_that_matlab_cannot_hold_is_told(trace_file, tmp_path):
     with pytest.raises(DataError, match="own column"):
         export_records(gather(trace_file, ARM), tmp_path / "out", "mat")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("kind", sorted(FORMATS))
-def test_a_run_takes_its_profile_and_result_along(kind: str, tmp_path: Path) -> None:
+def test_a_run_takes_its_profile_and_result_along(kind, tmp_path):
     run = tmp_path / "run"
     run.mkdir()
     (run / "trace.csv").write_text("time_s,tacho_v,torque_nm\n0,1,1\n0.001,1,2\n")
@@ -100,9 +98,7 @@ def test_a_run_takes_its_profile_and_result_along(kind: str, tmp_path: Path) -> 
     assert out.stat().st_size > 0
 
 
-def test_a_library_that_is_missing_is_named_with_its_extra(
-    trace_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_library_that_is_missing_is_named_with_its_extra(trace_file, tmp_path, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "h5py", None)
@@ -111,7 +107,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     assert "hdbench[hdf5]" in found.value.fix
 
 
-def test_an_unknown_form_is_refused(trace_file: Path, tmp_path: Path) -> None:
+def test_an_unknown_form_is_refused(trace_file, tmp_path):
     with pytest.raises(UsageError, match="xlsx"):
         export_records(gather(trace_file, ARM), tmp_path, "xlsx")
 
@@ -127,13 +123,11 @@ def test_an_unknown_form_is_refused(trace_file: Path, tmp_path: Path) -> None:
         ("stage", ""),
     ],
 )
-def test_units_are_read_off_the_names(name: str, unit: str) -> None:
+def test_units_are_read_off_the_names(name, unit):
     assert unit_of_column(name) == unit
 
 
-def test_the_command_offers_every_form_and_names_what_it_wrote(
-    trace_file: Path, tmp_path: Path
-) -> None:
+def test_the_command_offers_every_form_and_names_what_it_wrote(trace_file, tmp_path):
     from click.testing import CliRunner
 
     from hdbench_cli.commands import export
@@ -155,7 +149,7 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(
 
 
 @pytest.mark.parametrize("words", [["--out", "x"], ["--format", "mat", "--out", "x"]])
-def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words: list[str]) -> None:
+def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words):
     from click.testing import CliRunner
 
     from hdbench_cli.commands import export

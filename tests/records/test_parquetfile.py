@@ -1,7 +1,5 @@
 """A Parquet trace is read as its CSV is, and runs keep one beside the CSV on request."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -34,7 +32,7 @@ def stored(tmp_path: Path, n: int = 3000, *, lost: bool = False) -> Path:
     return tmp_path / "trace.csv"
 
 
-def test_the_same_bits_come_back_from_parquet(tmp_path: Path) -> None:
+def test_the_same_bits_come_back_from_parquet(tmp_path):
     source = stored(tmp_path, lost=True)
     made = export_records(gather(source, None), tmp_path / "out", "parquet")
     first, second = read_trace(source), read_trace(made)
@@ -54,9 +52,7 @@ def test_the_same_bits_come_back_from_parquet(tmp_path: Path) -> None:
         ({"time_s": [], "torque_nm": []}, "0 rows"),
     ],
 )
-def test_what_a_csv_may_not_hold_a_parquet_file_may_not(
-    tmp_path: Path, columns: dict[str, list[float]], word: str
-) -> None:
+def test_what_a_csv_may_not_hold_a_parquet_file_may_not(tmp_path, columns, word):
     file = tmp_path / "bad.parquet"
     parquet.write_table(arrow.table(columns), file)
     with pytest.raises(DataError) as caught:
@@ -64,7 +60,7 @@ def test_what_a_csv_may_not_hold_a_parquet_file_may_not(
     assert word in caught.value.what
 
 
-def test_a_file_that_is_no_parquet_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_no_parquet_is_told(tmp_path):
     file = tmp_path / "bad.parquet"
     file.write_text("time_s,torque_nm\n0,1\n")
     with pytest.raises(DataError) as caught:
@@ -74,9 +70,7 @@ def test_a_file_that_is_no_parquet_is_told(tmp_path: Path) -> None:
         read_trace(tmp_path / "missing.parquet")
 
 
-def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(tmp_path, capsys):
     source = stored(tmp_path)
     out = ["--no-report", "--out", str(tmp_path / "runs"), "--json"]
     words = ["run-ripple", "--from", str(source), "--format", "parquet", *out]

@@ -1,7 +1,5 @@
 """A headless Chromium for tests: opens a page, plays the mouse, and tells what it complained of."""
 
-from __future__ import annotations
-
 import base64
 import itertools
 import json

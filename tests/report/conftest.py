@@ -1,7 +1,5 @@
 """Runs of every kind for the tests of the report, and one page of all of them."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

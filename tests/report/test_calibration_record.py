@@ -1,7 +1,5 @@
 """The calibration record as a page and as a table."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -66,7 +64,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     return files.html.read_text(encoding="utf-8"), (folder / "page-record.csv").read_text()
 
 
-def test_the_record_is_titled_and_unaccredited(record) -> None:
+def test_the_record_is_titled_and_unaccredited(record):
     page, _ = record
     assert "<h1>Calibration record</h1>" in page
     assert "Unaccredited; traceability as declared by the operator." in page
@@ -87,12 +85,12 @@ def test_the_record_is_titled_and_unaccredited(record) -> None:
         "Gain of each experiment", "Budget", "Course of the calibration",
     ],
 )  # fmt: skip
-def test_the_record_holds_every_table_and_figure(record, title: str) -> None:
+def test_the_record_holds_every_table_and_figure(record, title):
     page, _ = record
     assert f'<p class="figtitle">{title}</p>' in page
 
 
-def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record) -> None:
+def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record):
     page, _ = record
     assert "&lt;b&gt;M-1&lt;/b&gt;" in page
     assert "<b>M-1</b>" not in page
@@ -101,7 +99,7 @@ def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record) -> N
     assert set(cell.groups()) == {"not declared"}
 
 
-def test_the_uncertainty_is_stated_with_its_factor(record) -> None:
+def test_the_uncertainty_is_stated_with_its_factor(record):
     page, _ = record
     stated = re.search(
         r"multiplied by k = (\d\.\d\d) \(from (\S+) effective degrees of freedom\)", page
@@ -114,7 +112,7 @@ def test_the_uncertainty_is_stated_with_its_factor(record) -> None:
     assert "Monte Carlo with 1000000 trials (seed 0)" in page
 
 
-def test_loading_is_filled_and_unloading_open(record) -> None:
+def test_loading_is_filled_and_unloading_open(record):
     page, _ = record
     start = page.index("Deviation from the line, full range")
     figure = page[start : page.index("</figure>", start)]
@@ -123,7 +121,7 @@ def test_loading_is_filled_and_unloading_open(record) -> None:
     assert "fill: var(--filtered)" in figure
 
 
-def test_the_table_holds_one_number_in_a_row(record) -> None:
+def test_the_table_holds_one_number_in_a_row(record):
     _, text = record
     rows = list(csv.DictReader(io.StringIO(text)))
     parts = {row["part"] for row in rows}
@@ -144,13 +142,11 @@ def test_the_table_holds_one_number_in_a_row(record) -> None:
         (6.6, 0.0, ("6.6", "\N{EN DASH}")),
     ],
 )
-def test_a_result_is_rounded_to_the_second_digit_of_its_uncertainty(
-    value: float, expanded: float, shown: tuple[str, str]
-) -> None:
+def test_a_result_is_rounded_to_the_second_digit_of_its_uncertainty(value, expanded, shown):
     assert rounded_with(value, expanded) == shown
 
 
-def test_preloads_and_shunt_readings_are_not_drawn_as_readings() -> None:
+def test_preloads_and_shunt_readings_are_not_drawn_as_readings():
     loads = readings()
     shunt = replace(loads.readings[0], torque_nm=0.0, mass_kg=0.0, reading_v=9.9)
     kinds = (*["reading"] * len(loads), "shunt")

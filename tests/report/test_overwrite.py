@@ -1,7 +1,5 @@
 """A report replaces reports, and nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -15,7 +13,7 @@ TRACE = Path(__file__).parents[1] / "stored" / "ripple" / "trace.csv.gz"
 
 
 @pytest.mark.parametrize("ending", [".csv", ".json", ".html"])
-def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path: Path, ending: str) -> None:
+def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path, ending):
     mine = tmp_path / f"bench{ending}"
     mine.write_text("time_s,torque_nm\n0,1\n")
     with pytest.raises(UsageError) as caught:
@@ -25,7 +23,7 @@ def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path: Path, ending: str) -
     assert [file.name for file in tmp_path.iterdir()] == [mine.name]
 
 
-def test_a_report_is_written_again_over_itself(tmp_path: Path) -> None:
+def test_a_report_is_written_again_over_itself(tmp_path):
     profile = load_profile("cim-tr-97-06")
     first = write_report([TRACE], tmp_path / "bench.html", profile=profile)
     before = {file: file.read_bytes() for file in (first.html, first.csv, first.json)}
@@ -33,6 +31,6 @@ def test_a_report_is_written_again_over_itself(tmp_path: Path) -> None:
     assert {file: file.read_bytes() for file in before} == before
 
 
-def test_what_is_not_there_or_empty_may_be_written(tmp_path: Path) -> None:
+def test_what_is_not_there_or_empty_may_be_written(tmp_path):
     (tmp_path / "a.csv").touch()
     refuse_foreign([tmp_path / "a.csv", tmp_path / "b.json"])

@@ -1,7 +1,5 @@
 """Figures tell the page's script their scales, and a browser zooms them."""
 
-from __future__ import annotations
-
 import json
 import re
 from html import unescape
@@ -10,11 +8,10 @@ import numpy as np
 import pytest
 from browser import browser, browser_program
 
-from hdbench.report import ReportFiles
 from hdbench.report.canvas import draw_svg, new_figure
 
 
-def test_axes_tell_frame_scale_and_labels_and_curves_are_thin() -> None:
+def test_axes_tell_frame_scale_and_labels_and_curves_are_thin():
     time = np.arange(300_000) * 1e-3
     torque = np.zeros(300_000)
     torque[123_456] = 7.0
@@ -63,7 +60,7 @@ READING = "document.querySelector('#run-3 figure output').textContent"
 
 @needs_browser
 @pytest.mark.parametrize(("width", "scheme"), [(1200, "light"), (400, "dark")])
-def test_a_browser_zooms_reads_and_goes_back(report: ReportFiles, width: int, scheme: str) -> None:
+def test_a_browser_zooms_reads_and_goes_back(report, width, scheme):
     pytest.importorskip("websocket")
     with browser() as tab:
         tab.open(report.html, width=width, scheme=scheme)

@@ -1,7 +1,5 @@
 """Makes the helpers beside the tests importable."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

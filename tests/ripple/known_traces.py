@@ -1,7 +1,5 @@
 """Traces written from closed forms, with a truth that the tests know."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path

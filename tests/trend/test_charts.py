@@ -1,7 +1,5 @@
 """Charts of one history: the published examples, the false alarms, steps and drift."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One quantity over runs: which runs count, how they are grouped, what is said and shown."""
 
-from __future__ import annotations
-
 import csv
 import json
 from datetime import UTC, datetime, timedelta
