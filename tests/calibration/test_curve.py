@@ -30,7 +30,6 @@ STEPS = np.array([8.0, 16.0, 24.0, 32.0, 40.0])
 
 def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_series():
     found = series_lack_of_fit(STEPS, UP)
-    assert found is not None
     # half a unit of the last printed digit; the fourth is -0.2955, printed as -0.29
     np.testing.assert_allclose(
         1e3 * np.array(found.curve_v), [-1.64, -3.52, -2.66, -0.29, 3.57], atol=6e-3
@@ -48,7 +47,6 @@ def test_the_loop_of_the_worked_series_has_the_printed_area_and_width():
     up = np.array([0.013, 1.220, 2.432, 3.643, 4.857, 6.073])
     down = np.array([0.016, 1.241, 2.460, 3.671, 4.876, 6.073])
     found = loading_loop((torque, up), (torque[::-1], down[::-1]), 40.0 / 6.060, 0.2)
-    assert found is not None
     assert found.area_v_nm == pytest.approx(0.7800, abs=5e-5)
     assert 100.0 * found.area_relative == pytest.approx(0.3218, abs=5e-5)
     # 28 mV wide, 0.462 % of full scale
@@ -62,7 +60,6 @@ def test_a_lens_and_a_constant_width_are_told_apart():
     up = torque / 6.6
     width = np.where(torque > 0.0, 0.3 + 0.8 * 4.0 * share * (1.0 - share), 0.0)
     found = loading_loop((torque, up), (torque, up + width / 6.6), 6.6, 0.2)
-    assert found is not None
     assert found.constant_nm == pytest.approx(0.3, rel=1e-9)
     assert found.lens_nm == pytest.approx(0.8, rel=1e-9)
 

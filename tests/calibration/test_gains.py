@@ -41,7 +41,6 @@ PLACES = [0, 0, 1, 1, 2, 2, 3, 3]
 
 def test_analysis_of_variance_of_the_eight_gains_is_that_printed():
     found = one_way(EIGHT)
-    assert found is not None
     assert found.mean_square_between == pytest.approx(0.0398333, abs=5e-8)
     assert found.mean_square_within == pytest.approx(0.001125, abs=5e-7)
     assert found.f_ratio == pytest.approx(35.41, abs=5e-3)
@@ -62,7 +61,6 @@ def test_analysis_of_variance_of_the_eight_gains_is_that_printed():
 
 def test_expanded_uncertainties_of_the_eight_gains_are_those_printed():
     found = one_way(EIGHT)
-    assert found is not None
     mean = expanded_uncertainty(found.mean_std_nm_per_v, 3.0)
     assert mean.expanded == pytest.approx(0.22456, abs=5e-6)
     assert 100.0 * mean.expanded / 6.6 == pytest.approx(3.402, abs=5e-4)
@@ -79,7 +77,6 @@ def test_expanded_uncertainties_of_the_eight_gains_are_those_printed():
 def test_directions_of_the_eight_gains_differ_as_printed():
     entries = [(place, way[0], gain) for place, way, gain in zip(PLACES, WAYS, FLAT, strict=True)]
     found = paired_difference(entries, "cw", "ccw")
-    assert found is not None
     assert (found.mean_first_nm_per_v, found.mean_second_nm_per_v) == pytest.approx(
         (6.5775, 6.6225), abs=1e-12
     )
@@ -93,7 +90,6 @@ def test_directions_of_the_eight_gains_differ_as_printed():
 
 def test_gains_with_their_own_uncertainties_have_the_printed_birge_ratio():
     found = consensus(FLAT, [0.0105] * 8)
-    assert found is not None
     assert found.chi_square == pytest.approx(1124.7, abs=0.05)
     assert found.birge_ratio == pytest.approx(12.68, abs=5e-3)
     assert found.between_std_nm_per_v == pytest.approx(0.13268, abs=5e-6)
@@ -104,7 +100,6 @@ def test_paule_mandel_solves_its_equation_for_unequal_uncertainties():
     own = rng.uniform(0.01, 0.3, 9)
     gains = 6.6 + rng.normal(0.0, 0.2, 9)
     found = consensus(list(gains), list(own))
-    assert found is not None
     weights = 1.0 / (own**2 + found.between_std_nm_per_v**2)
     assert float(
         (weights * (gains - found.weighted_mean_nm_per_v.value) ** 2).sum()
@@ -113,7 +108,6 @@ def test_paule_mandel_solves_its_equation_for_unequal_uncertainties():
 
 def test_variance_components_of_the_pharmacopeia_are_reproduced():
     found = one_way(USP)
-    assert found is not None
     assert found.mean_square_between == pytest.approx(3.550, abs=5e-4)
     assert found.mean_square_within == pytest.approx(0.1018, abs=5e-5)
     assert found.f_ratio == pytest.approx(34.886, abs=5e-3)
@@ -134,7 +128,6 @@ def test_the_mixed_model_agrees_with_statsmodels(dropped, effects):
     gains = [FLAT[i] for i in keep]
     places, ways = [PLACES[i] for i in keep], [WAYS[i] if effects else () for i in keep]
     found = mixed_fit(gains, places, ways)
-    assert found is not None
     columns = [np.ones(len(keep))]
     if effects:
         columns.append(np.array([1.0 if w == ("ccw",) else -1.0 for w in ways]))
@@ -256,7 +249,6 @@ def test_a_second_arm_in_one_direction_alone_does_not_tell_them_apart():
 )
 def test_sums_of_squares_add_up_and_scale(gains, scale):
     found = one_way(gains)
-    assert found is not None
     flat = np.concatenate([np.array(g) for g in gains])
     total = float(((flat - flat.mean()) ** 2).sum())
     p, n = len(gains), len(flat)
@@ -264,7 +256,6 @@ def test_sums_of_squares_add_up_and_scale(gains, scale):
     # rounding of sums of at most fifteen squares
     assert parts == pytest.approx(total, rel=1e-9, abs=1e-12)
     scaled = one_way([[scale * x for x in g] for g in gains])
-    assert scaled is not None
     assert scaled.mean_std_nm_per_v == pytest.approx(
         scale * found.mean_std_nm_per_v, rel=1e-12, abs=1e-15
     )

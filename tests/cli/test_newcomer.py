@@ -59,7 +59,7 @@ def ask(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     return call
 
 
-def columns(n: int = 6000) -> dict[str, np.ndarray]:
+def columns(n: int = 3000) -> dict[str, np.ndarray]:
     """Return a trace in closed form: speed to and fro, ripple of orders 2 and 4, some noise."""
     time = np.arange(n) / 500.0
     angular = 2.0 * np.pi / 4.0

@@ -114,6 +114,7 @@ SCENES = {
         f"a cube and an asymmetry in noise of pole {pole}": Scene(
             partial(cube_and_asymmetry, pole, noise_nm),
             [{"cubic-nonlinearity"}, {"direction-asymmetry", "side-force"}],
+            never={"cubic-stiffness"},
             campaign=pole > 0.0,
         )
         for pole, noise_nm in ((0.0, 0.05), (0.9, 0.01))
@@ -122,6 +123,7 @@ SCENES = {
         partial(reversing, lambda _a, _w, load: 3e-6 * load**3, 3),
         [{"cubic-nonlinearity"}],
         never={"cubic-stiffness"},
+        campaign=True,
     ),
     "a tone at the ripple's frequency": Scene(
         without_angle, [TONES], {"frequency_hz": (28.6, 0.01)}, materiality=0.0
@@ -153,6 +155,7 @@ SCENES = {
         {"order": (6.0, 1e-9)},
         never={"bearing-defect", "tooth-mesh"},
         materiality=0.0,
+        campaign=True,
     ),
     "two lines": Scene(
         partial(
@@ -162,6 +165,7 @@ SCENES = {
         ),
         [{"ripple-harmonic"}, {"structural-tone"}],
         {"order": (6.0, 1e-9), "frequency_hz": (37.3, 0.0)},
+        never={"bearing-defect", "tooth-mesh"},
     ),
     # a step of 2.4 sigma is placed within some (sigma / step)^2 samples
     "a step": Scene(

@@ -207,7 +207,6 @@ def test_the_step_of_coarse_readings_is_read_from_the_values(step):
     torque = bench()["torque_nm"]
     # the last stage rounds once more, to steps of 2 mN m
     steps = coarse_steps(0.002 * np.round(step * np.round(torque / step) / 0.002))
-    assert steps is not None
     assert abs(steps.step - step) < 1e-4 * step + 4.0 * steps.std
     assert coarse_steps(torque) is None
 

@@ -67,7 +67,7 @@ def misfit_nm(model, readings):
     )
 
 
-@pytest.mark.parametrize("limit", [30.0, 33.0])
+@pytest.mark.parametrize("limit", [30.0, pytest.param(33.0, marks=pytest.mark.campaign)])
 def test_readings_that_are_cut_off_are_a_saturation_and_nothing_else(limit):
     readings = loads(limit=limit)
     found = diagnose_loads(readings, PROFILE)
@@ -155,7 +155,7 @@ def far_bending(tilt_rad, bend_rad):
     return signal
 
 
-@pytest.mark.parametrize("bend_rad", [0.03, 0.09])
+@pytest.mark.parametrize("bend_rad", [pytest.param(0.03, marks=pytest.mark.campaign), 0.09])
 def test_an_arm_that_bends_so_far_that_it_loses_lever_arm_is_an_arm(bend_rad):
     # it rises by the cosine of its tilt before it falls: a limit never does
     readings = loads(far_bending(-0.08, bend_rad))

@@ -159,7 +159,16 @@ def test_readings_at_the_end_of_the_converter_are_left_out():
     assert not result.load_pictures["used"][[3, 4]].any()
 
 
-@pytest.mark.parametrize("name", ["hysteresis", "saturation", "position-dependent-gain"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hysteresis",
+        *(
+            pytest.param(name, marks=pytest.mark.campaign)
+            for name in ("saturation", "position-dependent-gain")
+        ),
+    ],
+)
 def test_readings_of_the_extended_model_show_nothing_more(name):
     _, loads = hidden(name, 40.0, 3)
     model = diagnose_loads(loads, PROFILE).model

@@ -25,7 +25,6 @@ def test_a_whole_record_is_itself():
 
 def test_both_ends_belong_to_the_part():
     held, part = part_of(trace(), 5.2, 5.4)
-    assert part is not None
     assert held["torque_nm"].tolist() == list(range(20, 41))
     assert (part.from_s, part.to_s) == pytest.approx((5.2, 5.4))
     assert (part.samples, part.of_samples, part.cut) == (21, 100, False)
@@ -33,7 +32,6 @@ def test_both_ends_belong_to_the_part():
 
 def test_a_long_record_is_cut_and_says_so():
     held, part = part_of(trace(), from_s=5.5, most=30)
-    assert part is not None
     assert held["torque_nm"][[0, -1]].tolist() == [50.0, 79.0]
     assert part.cut
 

@@ -121,7 +121,6 @@ def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it():
 
 def test_without_an_operator_no_load_is_asked_for():
     plan = separating_plan(("ripple-harmonic", "structural-tone"), loads=False)
-    assert plan is not None
     assert not plan.needs_operator
     assert not full_protocol(PROFILE, loads=False).needs_operator
     assert full_protocol(PROFILE).needs_operator
@@ -149,7 +148,6 @@ def test_a_plan_for_a_diagnosis_takes_its_open_names_with_their_shapes():
         domain="frequency",
     )
     found = plan_for_causes([cause], PROFILE, motion=one_speed())
-    assert found is not None
     assert found.plan is not None
     assert all(pair.separated for pair in found.pairs)
     assert {pair.first for pair in found.pairs} == {"structural-tone", "ripple-harmonic"}

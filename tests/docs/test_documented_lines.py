@@ -48,7 +48,6 @@ def help_lines(group: click.Group, path: str = "hdbench") -> Iterator[tuple[str,
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)
-        assert command is not None
         if isinstance(command, click.Group):
             yield from help_lines(command, f"{path} {name}")
             continue
@@ -114,9 +113,7 @@ def served() -> Iterator[str]:
     """Serve an emulated bench for the lines that name an address."""
     words = [sys.executable, "-m", "hdbench_cli", "emulate", "--pace", "fast"]
     with subprocess.Popen(words, text=True, stdout=subprocess.PIPE) as node:
-        assert node.stdout is not None
         found = re.search(r"tcp://[\d.]+:\d+", node.stdout.readline())
-        assert found is not None
         yield found[0]
         node.terminate()
 
@@ -125,7 +122,6 @@ def until_stopped(words: list[str]) -> int:
     """Run a command that goes on for ever, let it work, and interrupt it."""
     command = [sys.executable, "-m", "hdbench_cli", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
-        assert process.stdout is not None
         # it works when it has said something
         assert process.stdout.read(1), process.wait(timeout=60.0)
         process.send_signal(signal.SIGINT)

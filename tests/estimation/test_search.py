@@ -67,7 +67,6 @@ def test_an_order_through_reversals_is_one_line_at_its_place(order):
     assert line.domain == "motor-order"
     # Cramer-Rao: sqrt(24 / n) sigma / (A 2 pi span) = 3e-5 of an order for 73 turns; five of them
     assert line.location == pytest.approx(order, abs=1.5e-4)
-    assert line.component is not None
     # sigma sqrt(2 / n) = 0.65 mN m; five of them
     assert line.component.amplitude.value == pytest.approx(0.2, abs=3.3e-3)
 
@@ -125,7 +124,6 @@ def test_the_longest_steady_stretch_is_found_between_ramps():
     velocity = np.concatenate([ramp, np.full(700, 150.0), ramp[::-1], ramp, np.full(1500, 150.0)])
     time = np.arange(len(velocity)) * DT
     found = longest_steady(time, velocity, np.ones(len(time), dtype=bool), tolerance=0.01)
-    assert found is not None
     # half of the 0.1 s smoothing, and the search step
     assert found.from_s == pytest.approx(3.7, abs=0.06)
     assert found.to_s == pytest.approx(5.2, abs=0.06)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
-from statsmodels.regression.linear_model import burg
 
 from hdbench.estimation.regression import fit_noise, run_positions, whiten
 
@@ -15,6 +14,8 @@ def coloured(seed: int, n: int, poles: tuple[float, ...]) -> np.ndarray:
 
 
 def test_coefficients_agree_with_statsmodels_burg():
+    from statsmodels.regression.linear_model import burg
+
     series = coloured(1, 3000, (0.9, -0.5, 0.3))
     model = fit_noise(series, max_order=3, keep_lines=False)
     rho, _ = burg(series, order=3, demean=False)

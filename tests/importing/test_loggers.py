@@ -133,7 +133,6 @@ def test_names_that_are_no_time():
 
 def test_layout_keeps_what_stands_before_the_table():
     layout = text_layout(STREAM.replace("\r", "").split("\n"))
-    assert layout is not None
     assert (layout.delimiter, layout.start, layout.units) == ("\t", 6, ())
     assert layout.names == ("Time", "v0", "v1", "y0", "y1")
     assert layout.preamble == (0, 1, 2, 3)
@@ -165,7 +164,6 @@ def test_angles_and_speeds_against_pi():
 def test_unknown_units_are_not_judged():
     assert unit_scale("counts", "V") is None
     known = unit_scale("rpm", "V")
-    assert known is not None
     assert known.is_nan()
 
 

@@ -258,7 +258,6 @@ def test_junit_counts_a_failure_where_a_quantity_moved_and_names_it(stored, tmp_
     code, root = _junit(stored, tmp_path)
     assert code == 3
     suite = root.find("testsuite")
-    assert suite is not None
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("4", "1", "0")
     failed = [case for case in suite if case.find("failure") is not None]
     assert [case.get("name") for case in failed] == ["ripple"]
@@ -273,7 +272,6 @@ def test_an_invalid_case_is_an_error_and_the_others_are_still_compared(stored, t
     code, root = _junit(stored, tmp_path)
     assert code == 4
     suite = root.find("testsuite")
-    assert suite is not None
     assert (suite.get("failures"), suite.get("errors")) == ("0", "1")
     compared = [case for case in suite if case.find("error") is None]
     assert len(compared) == 3

@@ -123,7 +123,6 @@ def browser() -> Iterator[Tab]:
         ]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
             try:
-                assert process.stderr is not None
                 found = None
                 while found is None:
                     line = process.stderr.readline()

@@ -95,7 +95,6 @@ def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record):
     assert "&lt;b&gt;M-1&lt;/b&gt;" in page
     assert "<b>M-1</b>" not in page
     cell = re.search(r"<td>instrument</td>\s*<td>([^<]*)</td><td>([^<]*)</td>", page)
-    assert cell is not None
     assert set(cell.groups()) == {"not declared"}
 
 
@@ -104,7 +103,6 @@ def test_the_uncertainty_is_stated_with_its_factor(record):
     stated = re.search(
         r"multiplied by k = (\d\.\d\d) \(from (\S+) effective degrees of freedom\)", page
     )
-    assert stated is not None
     # three positions: two degrees of freedom and a little more for what is known
     assert 4.0 < float(stated[1]) < 4.31
     assert "coverage probability is about 95 %" in page

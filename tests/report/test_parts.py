@@ -59,7 +59,6 @@ def test_a_number_has_the_digits_that_its_uncertainty_allows(value, std, text):
 def test_the_interval_uses_the_degrees_of_freedom():
     number = KeyNumber("gain", "gain", 6.6, "N·m/V", "x", 0.1, 3.0)
     ends = number.interval()
-    assert ends is not None
     # Student's t, 3 dof, 97.5 %: 3.182446 (published tables)
     assert ends[1] == pytest.approx(6.6 + 0.3182446, rel=0, abs=1e-7)
     assert KeyNumber("n", "n", 1.0, "", "x").interval() is None
@@ -74,13 +73,11 @@ def test_the_steady_stretch_of_a_figure_has_the_velocity_that_was_held_longest()
     torque = np.ones(len(velocity))
     # a level ends on the ramp within 4 % of 150 rad/s: 8 samples
     found = steady_stretch(Signals(time, torque, velocity), 0.02)
-    assert found is not None
     assert (found.start, found.stop) == (1100, pytest.approx(1500, abs=9))
     assert found.velocity_rad_s == pytest.approx(150.0, rel=0.001)
     # a missing torque in the middle leaves the first part as the longest
     torque[1300] = math.nan
     found = steady_stretch(Signals(time, torque, velocity), 0.02)
-    assert found is not None
     assert (found.start, found.stop) == (pytest.approx(200, abs=9), 500)
 
 

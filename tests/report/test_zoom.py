@@ -25,7 +25,6 @@ def test_axes_tell_frame_scale_and_labels_and_curves_are_thin():
     bottom.label("time (s)", "velocity (rad/s)")
     svg = draw_svg(figure, "f1", "a peak and a ramp over five minutes, for this test alone")
     found = re.search(r'<metadata class="axes">(.*?)</metadata>', svg, re.DOTALL)
-    assert found is not None
     specs = json.loads(unescape(found[1]))
     assert [spec["group"] for spec in specs] == [0, 0]
     assert [spec["xlabel"] for spec in specs] == ["time (s)", "time (s)"]
@@ -34,7 +33,6 @@ def test_axes_tell_frame_scale_and_labels_and_curves_are_thin():
     assert [spec["logy"] for spec in specs] == [False, True]
     assert specs[1]["y"] == pytest.approx([2.0, 3.0])
     curve = re.search(r'id="f1-curve-0-0">\s*<path d="([^"]*)"', svg)
-    assert curve is not None
     points = [[float(v) for v in pair.split()] for pair in re.split("[ML]", curve[1]) if pair]
     # two points for each of 4000 stretches; the peak is the top: y counts downwards
     assert len(points) <= 8000

@@ -35,6 +35,11 @@ def scale(relative_std: float = 0.0, dof: float | None = None) -> TorqueScale:
     return TorqueScale(Quantity(6.6, 6.6 * relative_std, dof), "calibration run 1")
 
 
+def covers(quantity: Quantity, truth: float, confidence: float = 0.999) -> bool:
+    low, high = quantity.interval(confidence)
+    return low <= truth <= high
+
+
 def reversing_velocity(duration_s: float = 12.0, top_rad_s: float = 156.0) -> np.ndarray:
     """Return a trapezoid of 6 s period in both directions, with rounded corners."""
     phase = (np.arange(round(duration_s / DT)) * DT / 6.0) % 1.0
