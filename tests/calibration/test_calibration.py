@@ -1,22 +1,17 @@
 """Calibration by the report's method."""
 
-import csv
 import json
 import math
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
+from worked_example import ARM, needs_data, torque_arm
 
 from hdbench.calibration import consistency_interval, evaluate_calibration
 from hdbench.errors import DataError
 from hdbench.records import LoadReading, Loads
-
-DATA = os.environ.get("HDBENCH_DATA")
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 
 # eight gains at four positions, two directions each, with mean 6.6 and consistency 2 %
 EIGHT = [6.43, 6.46, 6.50, 6.56, 6.63, 6.69, 6.75, 6.78]
@@ -41,18 +36,6 @@ def loads_of(
     return Loads(tuple(readings))
 
 
-def unh(*series: str) -> Loads:
-    readings = []
-    for direction in series:
-        path = Path(str(DATA)) / "unh_torque_arm_cal" / f"torque_arm_{direction}.csv"
-        with path.open(newline="") as file:
-            for row in csv.DictReader(file):
-                volts, torque = float(row["mean_volts_per_volt"]), float(row["mean_torque"])
-                branch = "up" if direction == "ascending" else "down"
-                readings.append(LoadReading("arm", 0.0, "full", "cw", branch, torque, volts))
-    return Loads(tuple(readings), source="torque_arm")
-
-
 @needs_data
 @pytest.mark.parametrize(
     ("series", "key"),
@@ -63,9 +46,9 @@ def unh(*series: str) -> Loads:
     ],
 )
 def test_torque_arm_gives_its_published_regression(series, key):
-    path = Path(str(DATA)) / "unh_torque_arm_cal" / "torque_arm_calibration.json"
-    published = json.loads(path.read_text())[f"linear regression {key}"]
-    result = evaluate_calibration(unh(*series), max_consistency=0.05)
+    published = json.loads((ARM / "torque_arm_calibration.json").read_text())
+    published = published[f"linear regression {key}"]
+    result = evaluate_calibration(torque_arm(*series), max_consistency=0.05)
     # the same regression in double precision; 1e-9 is rounding with margin
     assert result.gain_nm_per_v.value == pytest.approx(published["slope"], rel=1e-9)
     assert result.gain_nm_per_v.std == pytest.approx(published["std_err"], rel=1e-9)

@@ -1,20 +1,14 @@
 """Shape of the curve: published regressions, lack of fit, a published torque arm."""
 
-import csv
 import json
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
+from worked_example import needs_data, torque_arm
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.lines import loading_loop, series_lack_of_fit
-from hdbench.records import LoadReading, Loads
-
-DATA = os.environ.get("HDBENCH_DATA")
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 
 # four series of a published synthetic calibration, zero-reduced, loading, V
 UP = np.array(
@@ -71,14 +65,7 @@ def test_branches_without_a_common_torque_have_no_loop():
 
 @needs_data
 def test_the_torque_arm_has_its_hysteresis_and_zero_return():
-    readings = []
-    for file, series in (("ascending", "up"), ("descending", "down")):
-        path = Path(str(DATA)) / "unh_torque_arm_cal" / f"torque_arm_{file}.csv"
-        with path.open(newline="") as lines:
-            for row in csv.DictReader(lines):
-                volts, torque = float(row["mean_volts_per_volt"]), float(row["mean_torque"])
-                readings.append(LoadReading("arm", 0.0, "full", "cw", series, torque, volts))
-    result = evaluate_calibration(Loads(tuple(readings)), max_consistency=0.05)
+    result = evaluate_calibration(torque_arm("ascending", "descending"), max_consistency=0.05)
     body = json.loads(json.dumps(result.to_json(), allow_nan=False))
     loop = body["hysteresis"]["arm"]
     # largest down less up at equal torque, over 360 N m: 0.93 %; zero return 0.09 N m

@@ -1,14 +1,10 @@
 """Step by step in the manner of EURAMET cg-14: a published example to its last printed digit."""
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 from worked_example import SERIES, worked_loads
 
 from hdbench.calibration import evaluate_calibration

@@ -55,9 +55,7 @@ def found(readings, **columns):
         ((0, 1, 1, 2, 2, 2, 3), 0.006, 0.006),
     ],
 )
-def test_the_interval_covers_where_positions_have_other_numbers_of_repetitions(
-    places, between, within
-):
+def test_the_interval_covers_where_positions_have_other_repetitions(places, between, within):
     rng = np.random.default_rng(12)
     numbers = [place for place in places for _ in range(2)]
     ways = [("cw",), ("ccw",)] * len(places)

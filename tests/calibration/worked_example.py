@@ -1,9 +1,17 @@
 """A published synthetic calibration: four series in three positions, 40 N m, readings to 1 mV."""
 
+import csv
 import math
+import os
+from pathlib import Path
+
+import pytest
 
 from hdbench.records import LoadReading, Loads
 
+DATA = os.environ.get("HDBENCH_DATA")
+ARM = Path(DATA or "") / "unh_torque_arm_cal"
+needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 TORQUES = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0, 32.0, 24.0, 16.0, 8.0, 0.0)
 SERIES = {
     "1": (0.0, (0.013, 1.220, 2.432, 3.643, 4.857, 6.073, 4.876, 3.671, 2.460, 1.241, 0.016)),
@@ -33,3 +41,15 @@ def worked_loads(direction: str = "cw") -> Loads:
                 for branch in branches
             ]
     return Loads(tuple(readings))
+
+
+def torque_arm(*series: str) -> Loads:
+    """Return the published readings of a torque arm."""
+    readings = []
+    for direction in series:
+        with (ARM / f"torque_arm_{direction}.csv").open(newline="") as file:
+            for row in csv.DictReader(file):
+                volts, torque = float(row["mean_volts_per_volt"]), float(row["mean_torque"])
+                branch = "up" if direction == "ascending" else "down"
+                readings.append(LoadReading("arm", 0.0, "full", "cw", branch, torque, volts))
+    return Loads(tuple(readings), source="torque_arm")

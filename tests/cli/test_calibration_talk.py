@@ -4,17 +4,14 @@ import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from terminal import RUN, Person
 
 from hdbench.records import resolve_input, verify_run
 from hdbench.session.calibrating.conversation import LiveReading
 from hdbench_cli.asking.conversation import live_line
-
-sys.path.insert(0, str(Path(__file__).parent))
-from terminal import RUN, Person
 
 
 @pytest.fixture

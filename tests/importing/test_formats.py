@@ -258,13 +258,9 @@ def test_ten_gigabytes_of_nothing_and_a_wrong_beginning(ending, tmp_path):
     [
         ("time,torque,torque,speed\n0,1,2,3\n1,1,2,3\n", "means 2 channels"),
         ("time,tor\x07que,speed\n0,1,2\n1,1,2\n", "control character"),
-        ("time,torque,speed\n0,nan,1\n1,nan,1\n", "holds no number"),
-        ("time,torque,speed\n1,1,1\n0,1,1\n", "goes back"),
-        ("time,torque,speed\n", "no data"),
-        ("time,torque,speed\n0,1,1\n", "1 row"),
     ],
 )
-def test_channels_that_cannot_be_used_are_refused(text, word, tmp_path):
+def test_names_that_cannot_be_used_are_refused(text, word, tmp_path):
     file = tmp_path / "log.csv"
     file.write_text(text)
     name = "tor\x07que" if "\x07" in text else "torque"
@@ -397,7 +393,6 @@ def test_the_proposed_command_can_be_taken(tmp_path, capsys, monkeypatch):
     code, body = listing(capsys, file)
     assert code == 0
     proposal = body["proposal"]
-    assert isinstance(proposal, dict)
     assert proposal["map"] == {
         "time_s": "time", "torque_nm": "torque", "motor_velocity_rad_s": "speed@rpm",
     }  # fmt: skip
@@ -412,9 +407,7 @@ def test_a_proposal_does_not_cut_a_name_within_its_unit(tmp_path, capsys):
     rows = "".join(f"{k},1500,{k % 3}\n" for k in range(9))
     file.write_text("Zeit [ms],Drehzahl [1/min],Drehmoment [Nm]\n" + rows)
     _, body = listing(capsys, file)
-    proposal = body["proposal"]
-    assert isinstance(proposal, dict)
-    assert proposal["map"]["motor_velocity_rad_s"] == "Drehzahl [1/min]@1/min"
+    assert body["proposal"]["map"]["motor_velocity_rad_s"] == "Drehzahl [1/min]@1/min"
 
 
 def test_the_joint_side_needs_a_gear_ratio(tmp_path, capsys):

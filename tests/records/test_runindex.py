@@ -5,12 +5,9 @@ import sqlite3
 import sys
 import time
 from datetime import UTC, datetime
-from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 import index_histories
+import pytest
 
 from hdbench.records import list_runs, select_runs
 from hdbench.records import runindex as index
