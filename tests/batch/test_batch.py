@@ -10,13 +10,13 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
+import swinging_shaft as swinging
 
 from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
 from hdbench.batch.workers import _run
 from hdbench.errors import BusyError, UsageError
-from hdbench.records import Trace, write_trace
+from hdbench.records import write_trace
 from hdbench_cli.commands.batch_task import run_one
 from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
@@ -27,13 +27,9 @@ HDBENCH = [sys.executable, "-m", "hdbench_cli"]
 
 def record(path: Path, seed: int, seconds: int = 4) -> Path:
     """Write a motion with ripple."""
-    t = np.arange(1000 * seconds) * 1e-3
-    v = 100.0 + 60.0 * np.sin(2.0 * t)
-    angle = 100.0 * t + 30.0 * (1.0 - np.cos(2.0 * t))
-    rng = np.random.default_rng(seed)
-    torque = 0.4 * np.cos(2.0 * angle) + 0.05 * rng.standard_normal(t.size)
-    columns = {"time_s": t, "motor_velocity_rad_s": v, "motor_angle_rad": angle}
-    write_trace(path, Trace({**columns, "torque_nm": torque}))
+    ripple = ((2.0, 0.4, 0.0),)
+    motion = (100.0, 60.0, 3.0)
+    write_trace(path, swinging.record(motion=motion, ripple=ripple, n=1000 * seconds, seed=seed))
     # older than the moment in which a file may change again unseen
     os.utime(path, (1e9 + seed, 1e9 + seed))
     return path

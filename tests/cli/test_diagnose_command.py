@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from rich.console import Console
+from swinging_shaft import record
 
 from hdbench.model import catalogue
-from hdbench.records import Trace, write_trace
+from hdbench.records import write_trace
 from hdbench.report.diagnosis.limits import left_out_line, rest_line
 from hdbench.results import DiagnosisResult
 from hdbench_cli import main as main_module
@@ -64,17 +65,11 @@ a,0,full,cw,up,35,5.31
 
 
 def trace_file(folder, amplitude_nm, change=lambda torque: None):
-    rng = np.random.default_rng(3)
-    time = np.arange(6000) * 1e-3
-    speed = 90.0 + 40.0 * np.sin(2.0 * np.pi * time / 6.0)
-    angle = 90.0 * time + 120.0 / np.pi * (1.0 - np.cos(2.0 * np.pi * time / 6.0))
-    torque = 1.725e-4 * 40.0 * np.pi / 3.0 * np.cos(2.0 * np.pi * time / 6.0)
-    torque += 0.4 * np.cos(2.0 * angle) + amplitude_nm * np.cos(5.5 * angle)
-    torque += 0.05 * rng.standard_normal(len(time))
-    change(torque)
-    columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
+    ripple = ((2.0, 0.4, 0.0), (5.5, amplitude_nm, 0.0))
+    trace = record(motion=(90.0, 40.0, 6.0), ripple=ripple, n=6000, seed=3)
+    change(trace["torque_nm"])
     file = folder / "trace.csv"
-    write_trace(file, Trace({**columns, "torque_nm": torque}))
+    write_trace(file, trace)
     return file
 
 

@@ -15,6 +15,7 @@ import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from swinging_shaft import BENCH, record
 
 from hdbench_cli import main as main_module
 from hdbench_cli import options
@@ -60,16 +61,12 @@ def ask(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def columns(n: int = 3000) -> dict[str, np.ndarray]:
-    """Return a trace in closed form: speed to and fro, ripple of orders 2 and 4, some noise."""
-    time = np.arange(n) / 500.0
-    angular = 2.0 * np.pi / 4.0
-    velocity = 100.0 * np.sin(angular * time)
-    angle = 100.0 / angular * (1.0 - np.cos(angular * time))
-    # load inertia over gear ratio times motor acceleration
-    inertia = 0.01725 / 100.0 * 100.0 * angular * np.cos(angular * time)
-    ripple = 0.4 * np.cos(2.0 * angle + 0.6) + 0.2 * np.cos(4.0 * angle - 1.1)
-    noise = np.random.default_rng(7).normal(0.0, 0.02, n)
-    return dict(zip(NAMES, (time, velocity, ripple + inertia + noise), strict=True))
+    """Return the columns of a speed to and fro, its ripple and some noise."""
+    ripple = BENCH[:2]
+    trace = record(
+        motion=(0.0, 100.0, 4.0), ripple=ripple, n=n, period_s=2e-3, noise_nm=0.02, seed=7
+    )
+    return {name: trace[name] for name in NAMES}
 
 
 def write(file: Path, data: dict[str, np.ndarray], *, sep: str = ",", mark: str = "") -> Path:

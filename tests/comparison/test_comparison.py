@@ -1,12 +1,12 @@
 """Two results held against each other: closed forms, simulated coverage, damaged input."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from runkit import write_run
 from scipy import stats
 
 from hdbench.comparison import compare_runs, comparison_csv
@@ -16,13 +16,13 @@ from hdbench.errors import DataError, UsageError
 from hdbench.estimation.harmonics import combine
 from hdbench.records import Quantity, dumps
 
+HEAD = {"hdbench_version": "0", "profile": None}
 NAMED = ("x", "x", "N m")
 
 
 def store(path: Path, kind: str, **body: Any) -> Path:
     """Write a result file."""
-    head = {"schema": f"hdbench/{kind}/1", "hdbench_version": "0", "profile": None}
-    path.write_text(dumps({**head, **body}))
+    path.write_text(dumps({"schema": f"hdbench/{kind}/1", **HEAD, **body}))
     return path
 
 
@@ -403,14 +403,10 @@ def test_the_csv_holds_the_numbers_of_the_json(tmp_path):
 
 def with_loads(folder: Path, gain: float, zero_v: float) -> Path:
     """Write a calibration's run folder with three readings on one line."""
-    folder.mkdir()
     result = calibration({0.0: gain, 2.0: gain, 4.0: gain}, 0.01)
     for line in result["experiments"]:
         line["zero_v"] = zero_v
-    store(folder / "result.json", "calibration", **result)
-    manifest = {"schema": "hdbench/run/1", "kind": "calibration", "status": "complete",
-                "files": {}, "profile": {}}  # fmt: skip
-    (folder / "run.json").write_text(json.dumps(manifest))
+    write_run(folder, "calibration", {**HEAD, **result}, profile={})
     rows = ["experiment,position_rad,range,direction,series,torque_nm,reading_v"]
     rows += [
         f"p{i},{2.0 * i},full,cw,up,{torque},{torque / gain + zero_v!r}"
@@ -439,14 +435,8 @@ def test_profile_and_environment_are_compared_key_by_key(tmp_path):
     profile = Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml"
     text = profile.read_text()
     for name, wave, seed in (("a", text, "sim-0"), ("b", text.replace("46.0 ", "47.0 "), "sim-1")):
-        folder = tmp_path / name
-        folder.mkdir()
-        store(folder / "result.json", "misalignment", **misalignment(1.0))
-        manifest = {
-            "schema": "hdbench/run/1", "kind": "misalignment", "status": "complete", "files": {},
-            "profile": {"text": wave}, "device": {"serial": seed}, "hdbench_version": "0",
-        }  # fmt: skip
-        (folder / "run.json").write_text(json.dumps(manifest))
+        more = {"profile": {"text": wave}, "device": {"serial": seed}, "hdbench_version": "0"}
+        write_run(tmp_path / name, "misalignment", {**HEAD, **misalignment(1.0)}, **more)
     found = compare_runs(tmp_path / "a", tmp_path / "b").to_dict()
     assert found["profile_changes"] == [
         {"key": "drive.flexspline_diameter_mm", "a": 46.0, "b": 47.0, "only": ""}

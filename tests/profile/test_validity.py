@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from runkit import write_run
 
 from hdbench.errors import DataError
 from hdbench.profile.scaling import (
@@ -23,12 +24,8 @@ SCALE = TorqueScale(Quantity(6.6, 0.08, 3.0), "calibration R")
 
 def run(folder: Path, **manifest: Any) -> Path:
     """Write a calibration's run folder."""
-    folder.mkdir()
-    (folder / "run.json").write_text(json.dumps({"schema": "hdbench/run/1", **manifest}))
-    body = {"schema": "hdbench/calibration/1"}
-    body["gain_nm_per_v"] = {"value": 6.6, "std": 0.08, "dof": 3.0}
-    (folder / "result.json").write_text(json.dumps(body))
-    return folder
+    gain = {"value": 6.6, "std": 0.08, "dof": 3.0}
+    return write_run(folder, "calibration", {"gain_nm_per_v": gain}, **manifest)
 
 
 def ended(days_ago: float) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runkit import write_run
 
 from hdbench.errors import DataError, UsageError
 from hdbench.profile import load_profile
@@ -76,21 +77,11 @@ def test_a_name_that_matlab_cannot_hold_is_told(trace_file, tmp_path):
 
 @pytest.mark.parametrize("kind", sorted(FORMATS))
 def test_a_run_takes_its_profile_and_result_along(kind, tmp_path):
-    run = tmp_path / "run"
-    run.mkdir()
+    profile = {"name": "p", "sha256": "0" * 64, "text": "x" * 100_000}
+    run = write_run(tmp_path / "run", "ripple", {"ripple": []}, profile=profile)
     (run / "trace.csv").write_text("time_s,tacho_v,torque_nm\n0,1,1\n0.001,1,2\n")
-    manifest = {
-        "schema": "hdbench/run/1",
-        "run_id": "r1",
-        "kind": "ripple",
-        "status": "complete",
-        "files": {},
-        "profile": {"name": "p", "sha256": "0" * 64, "text": "x" * 100_000},
-    }
-    (run / "run.json").write_text(json.dumps(manifest))
-    (run / "result.json").write_text(json.dumps({"schema": "hdbench/ripple/1", "ripple": []}))
     content = gather(run, ARM)
-    assert content.attributes["run_id"] == "r1"
+    assert content.attributes["run_id"] == "run"
     assert len(content.attributes["profile_toml"]) == 100_000
     assert json.loads(content.attributes["result_json"])["ripple"] == []
     pytest.importorskip({"parquet": "pyarrow", "hdf5": "h5py", "mat": "scipy"}[kind])

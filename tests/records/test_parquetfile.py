@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from swinging_shaft import record
 
 from hdbench.errors import DataError
 from hdbench.records import read_trace, sha256_file, write_trace
 from hdbench.records.exporting import export_records, gather
 from hdbench.records.tables.csvtext import read_header
 from hdbench.records.tables.parquetfile import parquet_names
-from hdbench.records.trace import Trace
 from hdbench_cli import main as main_module
 from hdbench_cli.output import Output
 
@@ -20,15 +20,11 @@ arrow = pytest.importorskip("pyarrow")
 
 
 def stored(tmp_path: Path, n: int = 3000, *, lost: bool = False) -> Path:
-    """Write a trace in closed form: ripple of orders 2 and 4 at changing speed."""
-    time = np.arange(n) / 500.0
-    angle = 300.0 / np.pi * (1.0 - np.cos(0.5 * np.pi * time))
-    torque = 0.4 * np.cos(2.0 * angle) + 0.2 * np.cos(4.0 * angle)
-    torque += np.random.default_rng(3).normal(0.0, 0.01, n)
+    """Write a trace of a shaft that turns to and fro."""
+    trace = record(motion=(0.0, 150.0, 4.0), n=n, period_s=2e-3, noise_nm=0.01, seed=3)
     if lost:
-        torque[7] = np.nan
-    columns = {"time_s": time, "motor_velocity_rad_s": 150.0 * np.sin(0.5 * np.pi * time)}
-    write_trace(tmp_path / "trace.csv", Trace({**columns, "torque_nm": torque}, "made"))
+        trace["torque_nm"][7] = np.nan
+    write_trace(tmp_path / "trace.csv", trace)
     return tmp_path / "trace.csv"
 
 

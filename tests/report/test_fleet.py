@@ -5,17 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runkit import write_run
 
 from hdbench.errors import DataError
 from hdbench.report.fleet import FALSE_ALARM, fleet_runs, outlier_limit, write_fleet
 
 
 def run_of(folder: Path, drive: str, kind: str, result: dict) -> Path:
-    folder.mkdir(parents=True)
-    body = {"schema": f"hdbench/{kind}/1", **result}
-    (folder / "result.json").write_text(json.dumps(body))
-    manifest = {"drive": drive, "kind": kind, "started_utc": "2026-11-23T07:00:00Z"}
-    (folder / "run.json").write_text(json.dumps(manifest))
+    write_run(folder, kind, result, drive=drive, started_utc="2026-11-23T07:00:00Z")
     (folder / "report.html").write_text("its own report")
     return folder
 
