@@ -102,7 +102,7 @@ def test_more_scatter_than_the_profile_states_is_unexplained():
 def test_a_direction_stands_above_scattering_gains():
     rng = np.random.default_rng(45)
     p = bench.plan(rng, positions=8, directions=2, levels=5)
-    effect = 0.02 * np.where(p.direction > 0.0, p.torque, 0.0)
+    effect = 0.02 * np.where(p.cw, p.torque, 0.0)
     result = diagnose_loads(bench.readings(p, effect, NOISE_NM, rng, clamping=0.002), PROFILE)
     (cause,) = result.causes
     assert set(cause.group) == {"direction-asymmetry", "side-force"}
@@ -136,7 +136,7 @@ def test_one_wrong_weight_is_told_with_the_mass_that_fits():
     rng = np.random.default_rng(47)
     p = bench.plan(rng, positions=3, directions=2, levels=5)
     effect = np.zeros(len(p.torque))
-    effect[13] = 0.4 * bench.GRAVITY * bench.ARM_M * p.direction[13]
+    effect[13] = 0.4 * bench.GRAVITY * bench.ARM_M * np.sign(p.torque[13])
     result = diagnose_loads(bench.readings(p, effect, NOISE_NM, rng), PROFILE)
     assert result.causes == ()
     (place,) = result.unexplained
