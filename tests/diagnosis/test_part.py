@@ -8,8 +8,6 @@ import pytest
 from hdbench.diagnosis.run import part_of
 from hdbench.errors import DataError
 from hdbench.records import Trace
-from hdbench_cli import main as main_module
-from hdbench_cli.output import Output
 
 
 def trace(n: int = 100) -> Trace:
@@ -42,9 +40,8 @@ def test_an_empty_part_is_told_with_the_records_ends(from_s, to_s):
         part_of(trace(), from_s, to_s)
 
 
-def test_loads_have_no_clock(tmp_path, capsys):
+def test_loads_have_no_clock(tmp_path, hdbench):
     loads = tmp_path / "loads.csv"
     loads.write_text("experiment,direction,torque_nm,reading_v\n1,cw,1,0.1\n")
-    words = ["diagnose", str(loads), "--from-s", "1", "--out", str(tmp_path), "--json"]
-    assert main_module._run(words, Output(json=True)) == 2
-    assert "no clock" in json.loads(capsys.readouterr().out)["error"]["what"]
+    words = ("diagnose", loads, "--from-s", "1", "--out", tmp_path, "--json")
+    assert "no clock" in json.loads(hdbench(*words, code=2)[0])["error"]["what"]

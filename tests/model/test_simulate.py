@@ -3,7 +3,6 @@ import math
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from hdbench.errors import UsageError
 from hdbench.model import (
@@ -104,86 +103,78 @@ def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench):
     assert np.flatnonzero(np.isnan(simulated["torque_nm"])).tolist() == [40]
 
 
-def invoke(*words: str) -> Result:
-    from hdbench_cli.commands.simulate import command
-    from hdbench_cli.output import Output
+@pytest.fixture
+def simulated(hdbench):
+    """Return a function that simulates into a file, for the JSON and what is said."""
 
-    return CliRunner().invoke(command, list(words), obj=Output(json=True))
+    def run(out, *words, code=0):
+        shown, said = hdbench("simulate", *words, "--out", out, "--json", code=code)
+        return json.loads(shown), said
+
+    return run
 
 
-def test_the_command_simulates_alone_and_like_a_trace(tmp_path):
+def test_the_command_simulates_alone_and_like_a_trace(tmp_path, simulated):
     alone, like = tmp_path / "alone.csv", tmp_path / "like.csv.gz"
-    first = invoke("--duration", "2", "--out", str(alone))
-    assert first.exit_code == 0, first.output
-    facts = json.loads(first.stdout)
+    facts, _ = simulated(alone, "--duration", "2")
     assert facts["schema"] == "hdbench/simulation/1"
     assert facts["samples"] == 2000
-    second = invoke("--like", str(alone), "--out", str(like))
-    assert second.exit_code == 0, second.output
-    assert json.loads(second.stdout)["like"] == str(alone)
+    facts, _ = simulated(like, "--like", alone)
+    assert facts["like"] == str(alone)
     # a trace file keeps every bit
     assert read_trace(like)["torque_nm"].tobytes() == read_trace(alone)["torque_nm"].tobytes()
 
 
-def test_the_command_takes_an_extended_model(tmp_path, profile):
+def test_the_command_takes_an_extended_model(tmp_path, profile, simulated):
     path = tmp_path / "model.json"
     model = BenchModel.from_profile(profile.data)
     drift = CauseTerm("zero-drift", {}, (0.5,))
     save_model(path, model.with_cause(drift), profile=profile, provenance={})
-    traces = []
-    for number, words in enumerate(((), ("--model", str(path)))):
-        out = tmp_path / f"{number}.csv"
-        assert invoke("--duration", "1", "--out", str(out), *words).exit_code == 0
-        traces.append(read_trace(out))
-    added = traces[1]["torque_nm"] - traces[0]["torque_nm"]
+    plain, drifting = tmp_path / "plain.csv", tmp_path / "drifting.csv"
+    simulated(plain, "--duration", "1")
+    simulated(drifting, "--duration", "1", "--model", path)
+    added = read_trace(drifting)["torque_nm"] - read_trace(plain)["torque_nm"]
     # differences of torques of about 1 N m
-    np.testing.assert_allclose(added, 0.5 * traces[0].time_s, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(added, 0.5 * read_trace(plain).time_s, rtol=0, atol=1e-14)
 
 
-def test_the_command_never_writes_over_what_was_measured(tmp_path):
+def test_wrong_calls_write_nothing_and_never_over_what_was_measured(tmp_path, simulated):
     path = tmp_path / "trace.csv"
-    invoke("--duration", "1", "--out", str(path))
+    simulated(path, "--duration", "1")
     before = path.read_bytes()
-    for source in (path, tmp_path):
-        result = invoke("--like", str(source), "--out", str(path))
-        assert isinstance(result.exception, UsageError)
-    assert path.read_bytes() == before
-
-
-def test_the_command_refuses_a_length_for_a_measured_motion_and_a_file_that_is_no_trace(tmp_path):
-    path = tmp_path / "trace.csv"
-    invoke("--duration", "1", "--out", str(path))
-    for words in (
-        ("--like", str(path), "--duration", "2", "--out", str(tmp_path / "x.csv")),
-        ("--duration", "1", "--out", str(tmp_path / "trace.txt")),
+    for out, words in (
+        (path, ("--like", path)),
+        (path, ("--like", tmp_path)),
+        # a measured motion has its own length
+        (tmp_path / "x.csv", ("--like", path, "--duration", "2")),
+        (tmp_path / "trace.txt", ("--duration", "1")),
     ):
-        assert isinstance(invoke(*words).exception, UsageError)
+        simulated(out, *words, code=2)
+    assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_simulation_without_a_single_torque_says_so(tmp_path, profile):
+def test_a_simulation_without_a_single_torque_says_so(tmp_path, profile, simulated):
     path, model = tmp_path / "trace.csv", tmp_path / "model.json"
-    invoke("--duration", "1", "--out", str(path))
+    simulated(path, "--duration", "1")
     lost = np.full(1000, np.nan)
     write_trace(path, read_trace(path).with_columns(load_torque_nm=lost))
     loaded = BenchModel.from_profile(profile.data).with_cause(CauseTerm("gain-error", {}, (0.1,)))
     save_model(model, loaded, profile=profile, provenance={})
-    result = invoke("--like", str(path), "--model", str(model), "--out", str(tmp_path / "o.csv"))
-    assert result.exit_code == 6
-    assert json.loads(result.stdout)["torque_rms_nm"] is None
+    facts, _ = simulated(tmp_path / "o.csv", "--like", path, "--model", model, code=6)
+    assert facts["torque_rms_nm"] is None
 
 
-def test_lost_samples_make_the_simulation_doubtful(tmp_path):
+def test_lost_samples_make_the_simulation_doubtful(tmp_path, simulated):
     path, out = tmp_path / "trace.csv", tmp_path / "out.csv"
-    invoke("--duration", "1", "--out", str(path))
+    simulated(path, "--duration", "1")
     trace = read_trace(path)
     velocity = trace["motor_velocity_rad_s"].copy()
     velocity[500] = np.nan
     write_trace(path, trace.with_columns(motor_velocity_rad_s=velocity))
-    result = invoke("--like", str(path), "--out", str(out))
-    assert result.exit_code == 6
-    assert json.loads(result.stdout)["lost_samples"] == 1
-    assert "1 of 1000 samples" in result.stderr
+    facts, said = simulated(out, "--like", path, code=6)
+    assert facts["lost_samples"] == 1
+    assert "1 of 1000 samples" in said
     assert np.flatnonzero(np.isnan(read_trace(out)["torque_nm"])).tolist() == [500]
 
 

@@ -118,20 +118,15 @@ def test_units_are_read_off_the_names(name, unit):
     assert unit_of_column(name) == unit
 
 
-def test_the_command_offers_every_form_and_names_what_it_wrote(trace_file, tmp_path):
-    from click.testing import CliRunner
-
+def test_the_command_offers_every_form_and_names_what_it_wrote(trace_file, tmp_path, hdbench):
     from hdbench_cli.commands import export
-    from hdbench_cli.output import Output
 
     choice = next(param.type for param in export.command.params if param.name == "kind")
     assert set(choice.choices) == set(FORMATS)
     second = trace_file.with_name("other.csv")
     second.write_text(trace_file.read_text().replace("own column", "own_column"))
-    words = [str(trace_file), str(second), "--format", "parquet", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(export.command, words, obj=Output(json=True))
-    assert done.exit_code == 0, done.exception
-    rows = json.loads(done.stdout)["exported"]
+    words = (trace_file, second, "--format", "parquet", "--out", tmp_path / "out", "--json")
+    rows = json.loads(hdbench("export", *words)[0])["exported"]
     assert [Path(row["file"]).relative_to(tmp_path) for row in rows] == [
         Path("out/log/trace.parquet"),
         Path("out/other/trace.parquet"),
@@ -140,11 +135,5 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(trace_file, tmp_p
 
 
 @pytest.mark.parametrize("words", [["--out", "x"], ["--format", "mat", "--out", "x"]])
-def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words):
-    from click.testing import CliRunner
-
-    from hdbench_cli.commands import export
-    from hdbench_cli.output import Output
-
-    done = CliRunner().invoke(export.command, words, obj=Output())
-    assert isinstance(done.exception, UsageError)
+def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words, hdbench):
+    hdbench("export", *words, code=2)

@@ -12,8 +12,6 @@ from hdbench.records import read_trace, sha256_file, write_trace
 from hdbench.records.exporting import export_records, gather
 from hdbench.records.tables.csvtext import read_header
 from hdbench.records.tables.parquetfile import parquet_names
-from hdbench_cli import main as main_module
-from hdbench_cli.output import Output
 
 parquet = pytest.importorskip("pyarrow.parquet")
 arrow = pytest.importorskip("pyarrow")
@@ -66,17 +64,13 @@ def test_a_file_that_is_no_parquet_is_told(tmp_path):
         read_trace(tmp_path / "missing.parquet")
 
 
-def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(tmp_path, capsys):
+def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(tmp_path, hdbench):
     source = stored(tmp_path)
-    out = ["--no-report", "--out", str(tmp_path / "runs"), "--json"]
-    words = ["run-ripple", "--from", str(source), "--format", "parquet", *out]
-    assert main_module._run(words, Output(json=True)) == 0
-    first = json.loads(capsys.readouterr().out)
+    out = ("--no-report", "--out", tmp_path / "runs", "--json")
+    first = json.loads(hdbench("run-ripple", "--from", source, "--format", "parquet", *out)[0])
     folder = Path(first["run_folder"])
     manifest = json.loads((folder / "run.json").read_text())
     assert manifest["files"]["trace.parquet"] == sha256_file(folder / "trace.parquet")
-    assert main_module._run(["runs", "verify", str(folder), "--json"], Output(json=True)) == 0
-    capsys.readouterr()
-    again = ["run-ripple", "--from", str(folder / "trace.parquet"), *out]
-    assert main_module._run(again, Output(json=True)) == 0
-    assert json.loads(capsys.readouterr().out)["ripple"] == first["ripple"]
+    hdbench("runs", "verify", folder)
+    again = hdbench("run-ripple", "--from", folder / "trace.parquet", *out)[0]
+    assert json.loads(again)["ripple"] == first["ripple"]

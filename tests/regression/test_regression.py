@@ -4,14 +4,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner
 
-from hdbench.errors import DataError, HdbenchError, LimitError
+from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records.tables import read_trace, write_trace
 from hdbench.regression import Tolerance, compare_folder, compare_results
-from hdbench_cli.commands.regress import command
-from hdbench_cli.output import Output
 
 STORED = Path(__file__).parents[1] / "stored"
 
@@ -212,67 +209,48 @@ def test_a_folder_without_cases_and_a_case_without_results_are_named(stored, tmp
         compare_folder(stored)
 
 
-def _run(*words: str, as_json: bool = False) -> tuple[BaseException | None, str, int]:
-    found = CliRunner().invoke(command, list(words), obj=Output(json=as_json))
-    return found.exception, found.stdout, found.exit_code
-
-
-def test_the_command_passes_and_prints_one_json_object(stored):
-    error, text, code = _run(str(stored / "calibration"), as_json=True)
-    assert error is None
-    assert code == 0
-    body = json.loads(text)
+def test_the_command_passes_and_prints_one_json_object(stored, hdbench):
+    body = json.loads(hdbench("regress", stored / "calibration", "--json")[0])
     assert body["schema"] == "hdbench/regression/1"
     assert body["passed"]
 
 
-def test_the_command_exits_3_on_a_regression(stored):
+def test_the_command_exits_3_on_a_regression_and_writes_its_page(stored, tmp_path, hdbench):
     _edit(stored / "calibration" / "expected.json", ("result", "consistency"), 0.5)
-    error, text, _ = _run(str(stored / "calibration"))
-    assert isinstance(error, LimitError)
-    assert error.exit_code == 3
-    assert "calibration: 1 quantities" in error.what
+    page = tmp_path / "regress.html"
+    text, said = hdbench("regress", stored / "calibration", "--report", page, code=3)
+    assert "calibration: 1 quantities" in said
     assert "consistency: 0.5 ->" in text
-    _, text, code = _run(str(stored / "calibration"), as_json=True)
-    assert code == 3
+    assert str(page) in text
+    assert "consistency" in page.read_text()
+    text, _ = hdbench("regress", stored / "calibration", "--json", code=3)
     assert not json.loads(text)["passed"]
 
 
-def _junit(stored: Path, tmp_path: Path) -> tuple[int, ElementTree.Element]:
-    file = tmp_path / "regress.xml"
-    error, _, _ = _run(str(stored), "--junit", str(file))
-    assert isinstance(error, HdbenchError)
-    return error.exit_code, ElementTree.parse(file).getroot()
+@pytest.fixture
+def junit(stored, tmp_path, hdbench):
+    """Return a function that compares all stored cases, for the suite of the JUnit file."""
+
+    def run(code):
+        hdbench("regress", stored, "--junit", tmp_path / "regress.xml", code=code)
+        return ElementTree.parse(tmp_path / "regress.xml").getroot().find("testsuite")
+
+    return run
 
 
-def test_junit_counts_a_failure_where_a_quantity_moved_and_names_it(stored, tmp_path):
+def test_junit_counts_a_failure_where_a_quantity_moved_and_names_it(stored, junit):
     _edit(stored / "ripple" / "expected.json", ("result", "ripple", 0, "order"), 3.0)
-    code, root = _junit(stored, tmp_path)
-    assert code == 3
-    suite = root.find("testsuite")
+    suite = junit(3)
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("4", "1", "0")
     failed = [case for case in suite if case.find("failure") is not None]
     assert [case.get("name") for case in failed] == ["ripple"]
-    text = failed[0].findtext("failure")
-    assert text is not None
-    assert "order" in text
+    assert "order" in failed[0].findtext("failure")
 
 
-def test_an_invalid_case_is_an_error_and_the_others_are_still_compared(stored, tmp_path):
+def test_an_invalid_case_is_an_error_and_the_others_are_still_compared(stored, junit):
     # a terminal escape in the name of a key has no place in XML
     (stored / "filter" / "case.json").write_text('{"schema": "hdbench/\x1b[31mcase"}')
-    code, root = _junit(stored, tmp_path)
-    assert code == 4
-    suite = root.find("testsuite")
+    suite = junit(4)
     assert (suite.get("failures"), suite.get("errors")) == ("0", "1")
     compared = [case for case in suite if case.find("error") is None]
     assert len(compared) == 3
-
-
-def test_the_page_is_written_also_when_something_moved(stored, tmp_path):
-    _edit(stored / "calibration" / "expected.json", ("result", "consistency"), 0.5)
-    page = tmp_path / "regress.html"
-    error, text, _ = _run(str(stored / "calibration"), "--report", str(page))
-    assert isinstance(error, LimitError)
-    assert str(page) in text
-    assert "consistency" in page.read_text()

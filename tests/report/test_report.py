@@ -11,12 +11,9 @@ from typing import Any
 
 import bench_runs as bench
 import pytest
-from click.testing import CliRunner
 
 from hdbench.errors import DataError, UsageError
 from hdbench.report import ReportFiles, write_report
-from hdbench_cli.commands.report import command
-from hdbench_cli.output import Output
 
 UNSEEN = ("style", "script", "metadata")
 
@@ -314,15 +311,10 @@ def test_lines_beyond_the_known_orders_are_told_in_the_verdict(runs, tmp_path):
     assert "below 1e-9" in page.text
 
 
-def test_the_command_writes_into_the_run_or_where_it_is_told(runs, tmp_path):
+def test_the_command_writes_into_the_run_or_where_it_is_told(runs, tmp_path, hdbench):
     run = _copy(runs["misalignment"], tmp_path)
-    words = [str(run), "--profile", "cim-tr-97-06"]
-    found = CliRunner().invoke(command, words, obj=Output(json=True), catch_exceptions=False)
-    assert json.loads(found.stdout)["html"] == str(run / "report.html")
+    words = ("report", run, "--profile", "cim-tr-97-06")
+    assert json.loads(hdbench(*words, "--json")[0])["html"] == str(run / "report.html")
     assert (run / "report.html").is_file()
-    out = tmp_path / "all.html"
-    found = CliRunner().invoke(
-        command, [*words, "--out", str(out)], obj=Output(), catch_exceptions=False
-    )
-    assert found.exit_code == 0
-    assert out.is_file()
+    hdbench(*words, "--out", tmp_path / "all.html")
+    assert (tmp_path / "all.html").is_file()
