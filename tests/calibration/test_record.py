@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from worked_example import masses
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.budget import combined, expanded_uncertainty, propagate, with_shares
@@ -54,26 +55,6 @@ EXAMPLE = [
     row("crosstalk", 0.19e-2 / math.sqrt(3.0), "rectangular"),
     row("temperature", 0.05e-2 / math.sqrt(3.0), "rectangular"),
 ]
-
-
-def masses(positions: int = 4, **more: object) -> Loads:
-    """Return loads by mass on the arm of the built-in profile, gains 1 % apart."""
-    arm = load_profile("cim-tr-97-06").data.arm
-    rng = np.random.default_rng(6)
-    rows = []
-    for place in range(positions):
-        gain = 6.6 * (1.0 + 0.01 * rng.normal())
-        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
-            for series, order in (("up", (0, 2, 4, 6, 8)), ("down", (8, 6, 4, 2, 0))):
-                for kilograms in order:
-                    torque = sign * kilograms * arm.gravity_m_s2 * arm.length_m
-                    rows.append(
-                        LoadReading(
-                            f"{place}{way}", place * 1.5, "full", way, series, torque,
-                            torque / gain + 1e-4 * rng.normal(), mass_kg=float(kilograms), **more,
-                        )
-                    )  # fmt: skip
-    return Loads(tuple(rows))
 
 
 def bench_with(text: str):

@@ -1,12 +1,17 @@
-"""A published synthetic calibration: four series in three positions, 40 N m, readings to 1 mV."""
+"""Calibrations for the tests: a published synthetic one, a published torque arm, and drawn ones.
+
+The worked example has four series in three positions, 40 N m, readings to 1 mV.
+"""
 
 import csv
 import math
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
 
 DATA = os.environ.get("HDBENCH_DATA")
@@ -53,3 +58,24 @@ def torque_arm(*series: str) -> Loads:
                 branch = "up" if direction == "ascending" else "down"
                 readings.append(LoadReading("arm", 0.0, "full", "cw", branch, torque, volts))
     return Loads(tuple(readings), source="torque_arm")
+
+
+def masses(positions: int = 4, **more: object) -> Loads:
+    """Return loads by mass on the arm of the built-in profile, gains 1 % apart."""
+    arm = load_profile("cim-tr-97-06").data.arm
+    rng = np.random.default_rng(6)
+    rows = []
+    for place in range(positions):
+        gain = 6.6 * (1.0 + 0.01 * rng.normal())
+        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
+            for series, order in (("up", (0, 2, 4, 6, 8)), ("down", (8, 6, 4, 2, 0))):
+                for kilograms in order:
+                    torque = sign * kilograms * arm.gravity_m_s2 * arm.length_m
+                    rows.append(
+                        LoadReading(
+                            f"{place}{way}", place * 1.5, "full", way, series, torque,
+                            torque / gain + 1e-4 * rng.normal(), mass_kg=float(kilograms),
+                            time_s=60.0 * len(rows), **more,
+                        )
+                    )  # fmt: skip
+    return Loads(tuple(rows))

@@ -177,16 +177,15 @@ def test_the_tutorial_and_a_line_of_every_other_command_run(
     tutorial, served, tmp_path, monkeypatch, capsys, changed_profile
 ):
     monkeypatch.chdir(tmp_path)
-    if not tutorial:
-        # the tutorial has runs of their full length
-        short = changed_profile(
-            calibration={"positions": 2, "average_s": 0.25},
-            misalignment={"velocity_rad_s": 180.0},
-            ripple={"duration_s": 8.0},
-        )
-        Path("short.toml").write_text(short)
-        for module in (inputs, demo):
-            monkeypatch.setattr(module, "DEFAULT_PROFILE", "short.toml")
+    # runs of some seconds, calibrated at two positions: `make demo` has them at full length
+    short = changed_profile(
+        calibration={"positions": 2, "average_s": 0.25},
+        misalignment={"velocity_rad_s": 180.0},
+        ripple={"duration_s": 8.0},
+    )
+    Path("short.toml").write_text(short)
+    for module in (inputs, demo):
+        monkeypatch.setattr(module, "DEFAULT_PROFILE", "short.toml")
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr("sys.stdin", io.StringIO())
     shutil.copytree(ROOT / "tests" / "stored", "tests/stored")

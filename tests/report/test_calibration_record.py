@@ -2,17 +2,16 @@
 
 import csv
 import io
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from worked_example import masses
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.profile import load_profile, parse_profile
-from hdbench.records import LoadReading, Loads
+from hdbench.records import Loads
 from hdbench.records.jsonfile import result_header, write_json
 from hdbench.report import write_report
 from hdbench.report.calibration.section import pictures
@@ -30,24 +29,7 @@ half_width_m = 0.0001
 
 
 def readings() -> Loads:
-    rng = np.random.default_rng(9)
-    arm = load_profile("cim-tr-97-06").data.arm
-    rows = []
-    for place in range(3):
-        gain = 6.6 * (1.0 + 0.01 * rng.normal())
-        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
-            for series, order in (("up", (0, 2, 4, 6, 8)), ("down", (8, 6, 4, 2, 0))):
-                for mass in order:
-                    torque = sign * mass * arm.gravity_m_s2 * arm.length_m
-                    reading = torque / gain + 1e-4 * rng.normal()
-                    rows.append(
-                        LoadReading(
-                            f"{place}{way}", 2.0 * math.pi * place / 3.0, "full", way, series,
-                            torque, reading, mass_kg=float(mass), reading_std_v=1e-3, n_samples=100,
-                            time_s=60.0 * len(rows), temperature_c=21.0,
-                        )
-                    )  # fmt: skip
-    return Loads(tuple(rows))
+    return masses(3, reading_std_v=1e-3, n_samples=100, temperature_c=21.0)
 
 
 @pytest.fixture(scope="module")
