@@ -57,8 +57,8 @@ def table(out: Path) -> list[dict[str, str]]:
 
 def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path):
     out = tmp_path / "out"
-    words = ["run-ripple", traces, "--no-report", "--workers", "2", "--out", out]
-    first = batch(*words, "--json")
+    words = ["run-ripple", traces, "--no-report", "--out", out]
+    first = batch(*words, "--workers", "2", "--json")
     assert first.returncode == 6, first.stderr
     body = json.loads(first.stdout)
     assert (body["done"], body["failed"], body["skipped"]) == (3, 1, 0)
@@ -85,7 +85,7 @@ def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path
     journal = (out / "batch.jsonl").read_bytes()
     os.utime(traces / "drive-0.csv", (2e9 - 1e9, 3e8))
     record(traces / "drive-2.csv", 7)
-    third = json.loads(batch(*words, "--resume", "--json").stdout)
+    third = json.loads(batch(*words, "--workers", "1", "--resume", "--json").stdout)
     assert (third["done"], third["skipped"]) == (1, 2)
     assert (out / "batch.jsonl").read_bytes().startswith(journal)
     assert batch(*words).returncode == 2
@@ -142,7 +142,7 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
 def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_path):
     # so long that the batch is not done when the signal arrives
     for seed in range(3, 6):
-        record(traces / f"drive-{seed}.csv", seed, 25)
+        record(traces / f"drive-{seed}.csv", seed, 15)
     out = tmp_path / "out"
     words = ["run-ripple", str(traces), "--no-report", "--workers", "1", "--out", str(out)]
     running = subprocess.Popen(
