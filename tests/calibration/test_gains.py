@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import stats
 
 from hdbench.calibration.budget import combined, expanded_uncertainty
@@ -240,25 +238,6 @@ def test_a_second_arm_in_one_direction_alone_does_not_tell_them_apart():
     assert not direction_effects(rows).separated
     only = [e for e in rows if e.direction == "cw"]
     assert "one direction only" in direction_effects(only).reason
-
-
-@settings(max_examples=40)
-@given(
-    gains=st.lists(st.lists(st.floats(5.0, 8.0), min_size=2, max_size=3), min_size=2, max_size=5),
-    scale=st.sampled_from([0.5, 2.0, 4.0]),
-)
-def test_sums_of_squares_add_up_and_scale(gains, scale):
-    found = one_way(gains)
-    flat = np.concatenate([np.array(g) for g in gains])
-    total = float(((flat - flat.mean()) ** 2).sum())
-    p, n = len(gains), len(flat)
-    parts = found.mean_square_between * (p - 1) + found.mean_square_within * (n - p)
-    # rounding of sums of at most fifteen squares
-    assert parts == pytest.approx(total, rel=1e-9, abs=1e-12)
-    scaled = one_way([[scale * x for x in g] for g in gains])
-    assert scaled.mean_std_nm_per_v == pytest.approx(
-        scale * found.mean_std_nm_per_v, rel=1e-12, abs=1e-15
-    )
 
 
 def test_effective_degrees_of_freedom_are_satterthwaites():

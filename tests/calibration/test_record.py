@@ -332,12 +332,7 @@ def test_the_other_direction_first_gives_the_same_gain_and_turns_the_asymmetry()
     other = {"cw": "ccw", "ccw": "cw"}
     loads = masses()
     rows = tuple(
-        replace(
-            r,
-            direction=other[r.direction],
-            torque_nm=-r.torque_nm,
-            reading_v=-r.reading_v,
-        )
+        replace(r, direction=other[r.direction], torque_nm=-r.torque_nm, reading_v=-r.reading_v)
         for r in loads.readings
     )
     a = evaluate_calibration(loads, max_consistency=0.1).to_json()

@@ -174,12 +174,7 @@ def swapped(loads: Loads) -> Loads:
     other = {"cw": "ccw", "ccw": "cw"}
     return Loads(
         tuple(
-            replace(
-                r,
-                direction=other[r.direction],
-                torque_nm=-r.torque_nm,
-                reading_v=-r.reading_v,
-            )
+            replace(r, direction=other[r.direction], torque_nm=-r.torque_nm, reading_v=-r.reading_v)
             for r in loads.readings
         )
     )

@@ -146,11 +146,7 @@ def test_the_budget_of_the_applied_torque_has_the_published_sizes():
     assert 1e6 * tilt.relative_std == pytest.approx(14.0, abs=0.55)
 
 
-@given(
-    tilt=st.floats(-0.02, 0.02),
-    offset=st.floats(-0.05, 0.05),
-    mass=st.floats(0.5, 10.0),
-)
+@given(tilt=st.floats(-0.02, 0.02), offset=st.floats(-0.05, 0.05), mass=st.floats(0.5, 10.0))
 def test_sensitivities_are_the_derivatives_of_the_torque(tilt, offset, mass):
     arm = Arm(
         length_m=0.5,

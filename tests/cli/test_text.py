@@ -4,11 +4,7 @@ import math
 
 import pytest
 
-from hdbench_cli.text import (
-    probability,
-    sparkline,
-    with_uncertainty,
-)
+from hdbench_cli.text import probability, sparkline, with_uncertainty
 
 
 @pytest.mark.parametrize(

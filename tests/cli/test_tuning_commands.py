@@ -168,9 +168,7 @@ def test_response_gives_the_share_of_torque_that_the_report_keeps(tmp_path):
 def test_orders_writes_spectrum_map_and_waves(tuned, trace, tmp_path):
     out, table, plot = tmp_path / "o.csv", tmp_path / "m.csv", tmp_path / "o.svg"
     body = answer(
-        orders.command,
-        trace,
-        *("--model", tuned[0], "--out", out, "--map", table, "--plot", plot),
+        orders.command, trace, *("--model", tuned[0], "--out", out, "--map", table, "--plot", plot)
     )
     assert body["schema"] == "hdbench/orders/1"
     peaks = {round(p["order"]): p["amplitude_nm"] for p in body["peaks"]}

@@ -7,12 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hdbench.diagnosis.discovery.moments import (
-    Moments,
-    quick_likelihood,
-    solve,
-    weighted_products,
-)
+from hdbench.diagnosis.discovery.moments import Moments, quick_likelihood, solve, weighted_products
 from hdbench.diagnosis.discovery.refine import log_evidence
 from hdbench.diagnosis.discovery.spectrum import Spectrum, make_shapes
 

@@ -135,12 +135,7 @@ def test_a_delayed_velocity_of_the_drive_makes_no_slip_where_the_speed_changes(d
     read = late[:20_000] if bits is None else step * np.round(late[:20_000] / step)
     torque = 0.4 * np.cos(2 * angle) + 0.05 * rng.standard_normal(len(time))
     found = inspected(
-        {
-            "time_s": time,
-            "torque_nm": torque,
-            "motor_velocity_rad_s": read,
-            "encoder_count": count,
-        }
+        {"time_s": time, "torque_nm": torque, "motor_velocity_rad_s": read, "encoder_count": count}
     )
     assert (found.faults, found.reason) == ((), "")
 
@@ -258,10 +253,7 @@ def test_a_noisy_velocity_is_of_the_same_shaft():
             "not of the same shaft",
         ),
         (
-            lambda c: {
-                "motor_velocity_rad_s": np.zeros(10_000),
-                "encoder_count": np.zeros(10_000),
-            },
+            lambda c: {"motor_velocity_rad_s": np.zeros(10_000), "encoder_count": np.zeros(10_000)},
             "no motion",
         ),
     ],

@@ -8,12 +8,7 @@ from discovery_records import fitted, swinging
 
 from hdbench.diagnosis.discovery.lines import plan_scans, scan_looks, scan_power
 from hdbench.diagnosis.discovery.moments import inverse
-from hdbench.diagnosis.discovery.stack import (
-    coefficients_of,
-    piece_fit,
-    stack_fits,
-    stacked_causes,
-)
+from hdbench.diagnosis.discovery.stack import coefficients_of, piece_fit, stack_fits, stacked_causes
 from hdbench.diagnosis.discovery.term import Term, term_columns
 from hdbench.model import catalogue
 

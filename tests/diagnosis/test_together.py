@@ -33,11 +33,7 @@ def told(result):
 def weak():
     # T = A^2 n / (2 noise^2) = 9, and 10 to 12 with this noise: below the 18 that 24 known orders
     # ask of one record
-    traces = [
-        run(5, 0.003, zero=0.2),
-        run(9, 0.003, zero=-0.3),
-        run(8, 0.003, rate_hz=800.0),
-    ]
+    traces = [run(5, 0.003, zero=0.2), run(9, 0.003, zero=-0.3), run(8, 0.003, rate_hz=800.0)]
     return traces, diagnose_together(traces, NAMES, PROFILE, materiality=0.0)
 
 

@@ -100,10 +100,7 @@ BY_HAND: dict[str, tuple[Shape, Callable[..., list[float]]]] = {
         lambda w, s, **_: [1 - 2 / (math.exp(2 * w / s["transition_rad_s"]) + 1)],
     ),
     "viscous-friction": ({}, lambda w, **_: [w]),
-    "asymmetric-friction": (
-        {},
-        lambda w, **_: [1 - 2 / (math.exp(4 * size(w)) + 1), size(w)],
-    ),
+    "asymmetric-friction": ({}, lambda w, **_: [1 - 2 / (math.exp(4 * size(w)) + 1), size(w)]),
     "stribeck-friction": (
         {"stribeck_rad_s": 15.0, "transition_rad_s": 1.5},
         lambda w, s, **_: [

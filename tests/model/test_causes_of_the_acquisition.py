@@ -49,13 +49,15 @@ def turning(time: np.ndarray, **columns: Any) -> Trace:
     return Trace({"time_s": time, **columns}, "test")
 
 
+def moved(bench: ProfileData, time: np.ndarray, **columns: Any) -> Motion:
+    return motion_from_trace(turning(time, **columns), bench)
+
+
 def test_a_slip_is_taken_out_of_the_angle(bench):
     time = np.arange(2000) * 1e-3
     angle = 30.0 * time + np.where(time >= 0.7, 0.25, 0.0)
     speed = np.full(2000, 30.0)
-    recorded = motion_from_trace(
-        turning(time, motor_velocity_rad_s=speed, motor_angle_rad=angle), bench
-    )
+    recorded = moved(bench, time, motor_velocity_rad_s=speed, motor_angle_rad=angle)
     found = true_motion(recorded, "encoder-slip", step_time_s=0.7, slip_rad=0.25)
     # angles up to 60 rad: doubles 7e-15 apart
     np.testing.assert_allclose(found.angle_rad, 30.0 * time, rtol=0, atol=2e-14)
@@ -119,14 +121,12 @@ def test_a_tachos_ripple_is_taken_out_of_speed_angle_and_acceleration(bench):
     angle = 20.0 * time + 5.0 * time**2
     speed = 20.0 + 10.0 * time
     tacho = speed * (1.0 + 0.02 * np.cos(14.0 * angle) - 0.01 * np.sin(14.0 * angle))
-    recorded = motion_from_trace(
-        turning(time, motor_velocity_rad_s=tacho, motor_angle_rad=angle), bench
-    )
+    recorded = moved(bench, time, motor_velocity_rad_s=tacho, motor_angle_rad=angle)
     shape = {"order": 14.0, "cosine": 0.02, "sine": -0.01}
     found = true_motion(recorded, "tacho-ripple", **shape)
     np.testing.assert_allclose(found.velocity_rad_s, speed, rtol=1e-13)
     assert (found.angle_rad == angle).all()
-    integrated = motion_from_trace(turning(time, motor_velocity_rad_s=tacho), bench)
+    integrated = moved(bench, time, motor_velocity_rad_s=tacho)
     found = true_motion(integrated, "tacho-ripple", **shape)
     # the integrated angle trails the true one by half a sample of the 40 rad/s that it gained,
     # which leaves a share of 14 * 0.02 of the ripple; the ripple's own integral is 1.6 mrad
@@ -151,23 +151,6 @@ def test_the_simulation_uses_the_motion_that_the_bench_had(bench):
     np.testing.assert_allclose(got, want, rtol=0, atol=1e-12)
     plain = simulate_like(turning(time, **columns), bench, model)["torque_nm"]
     assert np.abs(plain - want).max() > 0.2
-
-
-def test_noise_and_quantisation_do_not_change_the_simulation(make_motion):
-    motion = make_motion()
-    model = BenchModel(0.1, 1e-4, ((2.0, 0.4, 0.6),), (0.9, 0.3))
-    terms = [
-        CauseTerm("quantisation", {"step_nm": 0.01}, ()),
-        CauseTerm("spikes", {"share": 0.01, "size_nm": 1.0}, ()),
-        CauseTerm("speed-dependent-noise", {"noise_nm": 0.1}, ()),
-        CauseTerm("zero-random-walk", {"intensity_nm_per_sqrt_s": 0.1}, ()),
-    ]
-    noisy = model
-    for term in terms:
-        noisy = noisy.with_cause(term)
-    assert noisy.torque_nm(motion).tobytes() == model.torque_nm(motion).tobytes()
-    assert noisy.terms()[-4:] == tuple(term.name for term in terms)
-    assert math.isfinite(float(noisy.torque_nm(motion).sum()))
 
 
 def term_of_an_error(motor: complex, once: complex, twice: complex) -> CauseTerm:
@@ -239,24 +222,6 @@ def test_the_true_torque_keeps_the_friction_and_nothing_made_of_the_ripple(bench
     quiet = replace(model, ripple=(), misalignment=(0.0, 0.0), causes=model.causes[2:])
     kept = simulate_like(trace, bench, quiet)["torque_nm"]
     np.testing.assert_allclose(simulated["torque_true_nm"], kept, rtol=0, atol=1e-12)
-
-
-def test_forward_and_backward_friction_have_the_coefficients_that_are_told(make_motion):
-    speed = np.array([10.0, 100.0, 0.0, -10.0, -100.0])
-    motion = make_motion(5, velocity_rad_s=speed)
-    names = {
-        "coulomb-friction": ({"transition_rad_s": 0.5}, 20.39),
-        "viscous-friction": ({}, 0.2035),
-    }
-    torque = sum(
-        value * catalogue()[name].columns(motion, shape)[:, 0]
-        for name, (shape, value) in names.items()
-    )
-    both = catalogue()["asymmetric-friction"].columns(motion, {})
-    torque = torque + both @ [-0.24, -0.0369]
-    # tanh(20) is 1 to the last digit
-    want = [20.15 + 1.666, 20.15 + 16.66, 0.0, -20.63 - 2.404, -20.63 - 24.04]
-    np.testing.assert_allclose(torque, want, rtol=0, atol=1e-12)
 
 
 def test_what_is_counted_is_whole_and_what_rolls_is_not():

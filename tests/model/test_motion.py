@@ -129,10 +129,7 @@ def test_the_source_with_less_noise_gives_the_acceleration():
 
 
 @settings(max_examples=30, deadline=None)
-@given(
-    seed=st.integers(0, 10_000),
-    coefficients=st.tuples(*[st.floats(-10.0, 10.0)] * 4),
-)
+@given(seed=st.integers(0, 10_000), coefficients=st.tuples(*[st.floats(-10.0, 10.0)] * 4))
 def test_a_cubic_is_differentiated_exactly_on_any_grid(seed, coefficients):
     rng = np.random.default_rng(seed)
     time = 5.0 + np.cumsum(rng.uniform(0.6e-3, 1.7e-3, 120))

@@ -85,12 +85,7 @@ def test_chirp_runs_from_the_first_to_the_second_frequency():
 )
 def test_periodic_waves_repeat(wave, frequency, index, periods):
     reference = ReferenceWave(
-        wave=wave,
-        amplitude_v=1.0,
-        frequency_hz=frequency,
-        duty=0.5,
-        rise=0.2,
-        fall=0.1,
+        wave=wave, amplitude_v=1.0, frequency_hz=frequency, duty=0.5, rise=0.2, fall=0.1
     )
     # times in 1/1024 period: exact in binary, so that the same phase has the same bits
     time = index / 1024 / frequency

@@ -3,7 +3,7 @@
 import pytest
 
 from hdbench.errors import ProfileError
-from hdbench.profile import load_profile, new_profile, profile_schema
+from hdbench.profile import load_profile, profile_schema
 from hdbench.profile.loader import parse_profile
 
 TEXT = load_profile("cim-tr-97-06").text
@@ -85,7 +85,3 @@ def test_the_schema_for_editors_knows_every_driver():
     text = str(profile_schema())
     for driver in ("node", "modbus", "labjack-t", "dataq", "composite"):
         assert repr(driver) in text
-
-
-def test_a_new_profile_can_be_read_back():
-    assert parse_profile(new_profile("my-bench"), "my.toml").data.daq.driver == "node"

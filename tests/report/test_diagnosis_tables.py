@@ -70,16 +70,8 @@ def found(cause) -> dict[str, Any]:
         "testable": [
             {"name": "spikes", "testable": True, "because": ""},
             {"name": "side-force", "testable": False, "because": "no load; needed: a load"},
-            {
-                "name": "mains-hum",
-                "testable": False,
-                "because": "torque low-passed at 9 Hz; it",
-            },
-            {
-                "name": "tooth-mesh",
-                "testable": False,
-                "because": "torque low-passed at 9 Hz; the",
-            },
+            {"name": "mains-hum", "testable": False, "because": "torque low-passed at 9 Hz; it"},
+            {"name": "tooth-mesh", "testable": False, "because": "torque low-passed at 9 Hz; the"},
         ],
     }
 

@@ -23,14 +23,6 @@ def test_thinning_keeps_the_extremes_the_order_and_only_real_points(seed, n, bin
     assert (y[few_x.astype(int)] == few_y).all()
 
 
-def test_a_spike_of_one_sample_in_a_minute_survives_thinning():
-    y = np.zeros(60_000)
-    y[41_234] = 7.0
-    few_x, few_y = min_max(np.arange(60_000.0), y)
-    assert few_x[np.argmax(few_y)] == 41_234.0
-    assert few_y.max() == 7.0
-
-
 def test_lost_samples_break_the_line():
     y = np.ones(1000)
     y[500:520] = math.nan

@@ -258,10 +258,7 @@ def test_joint_sweep_of_another_drive_shows_order_2_and_the_line_near_7_9(encode
 
 
 def test_truth_of_the_traces_is_the_models():
-    assert Truth().order_2 == (
-        BENCH.model.ripple[0].amplitude_nm,
-        BENCH.model.ripple[0].phase_rad,
-    )
+    assert Truth().order_2 == (BENCH.model.ripple[0].amplitude_nm, BENCH.model.ripple[0].phase_rad)
 
 
 def test_a_turning_flexspline_is_evaluated_at_the_orders_its_gauges_see():
