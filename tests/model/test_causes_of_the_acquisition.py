@@ -49,7 +49,7 @@ def turning(time: np.ndarray, **columns: Any) -> Trace:
     return Trace({"time_s": time, **columns}, "test")
 
 
-def moved(bench: ProfileData, time: np.ndarray, **columns: Any) -> Motion:
+def moved(bench, time, **columns):
     return motion_from_trace(turning(time, **columns), bench)
 
 
