@@ -1,7 +1,5 @@
 """`hdbench batch`: the single command's results, rows with errors, deaths, Ctrl-C, --resume."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -12,13 +10,13 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
+import swinging_shaft as swinging
 
 from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
 from hdbench.batch.workers import _run
 from hdbench.errors import BusyError, UsageError
-from hdbench.records import Trace, write_trace
+from hdbench.records import write_trace
 from hdbench_cli.commands.batch_task import run_one
 from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
@@ -29,13 +27,9 @@ HDBENCH = [sys.executable, "-m", "hdbench_cli"]
 
 def record(path: Path, seed: int, seconds: int = 4) -> Path:
     """Write a motion with ripple."""
-    t = np.arange(1000 * seconds) * 1e-3
-    v = 100.0 + 60.0 * np.sin(2.0 * t)
-    angle = 100.0 * t + 30.0 * (1.0 - np.cos(2.0 * t))
-    rng = np.random.default_rng(seed)
-    torque = 0.4 * np.cos(2.0 * angle) + 0.05 * rng.standard_normal(t.size)
-    columns = {"time_s": t, "motor_velocity_rad_s": v, "motor_angle_rad": angle}
-    write_trace(path, Trace({**columns, "torque_nm": torque}))
+    ripple = ((2.0, 0.4, 0.0),)
+    motion = (100.0, 60.0, 3.0)
+    write_trace(path, swinging.record(motion=motion, ripple=ripple, n=1000 * seconds, seed=seed))
     # older than the moment in which a file may change again unseen
     os.utime(path, (1e9 + seed, 1e9 + seed))
     return path
@@ -61,10 +55,10 @@ def table(out: Path) -> list[dict[str, str]]:
         return [{**row, "seconds": ""} for row in csv.DictReader(file)]
 
 
-def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces: Path, tmp_path: Path):
+def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path):
     out = tmp_path / "out"
-    words = ["run-ripple", traces, "--no-report", "--workers", "2", "--out", out]
-    first = batch(*words, "--json")
+    words = ["run-ripple", traces, "--no-report", "--out", out]
+    first = batch(*words, "--workers", "2", "--json")
     assert first.returncode == 6, first.stderr
     body = json.loads(first.stdout)
     assert (body["done"], body["failed"], body["skipped"]) == (3, 1, 0)
@@ -91,13 +85,13 @@ def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces: Path, tm
     journal = (out / "batch.jsonl").read_bytes()
     os.utime(traces / "drive-0.csv", (2e9 - 1e9, 3e8))
     record(traces / "drive-2.csv", 7)
-    third = json.loads(batch(*words, "--resume", "--json").stdout)
+    third = json.loads(batch(*words, "--workers", "1", "--resume", "--json").stdout)
     assert (third["done"], third["skipped"]) == (1, 2)
     assert (out / "batch.jsonl").read_bytes().startswith(journal)
     assert batch(*words).returncode == 2
 
 
-def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path: Path):
+def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path):
     script = Path(__file__).with_name("deaths.py")
     words = [sys.executable, str(script), str(tmp_path)]
     ran = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -145,10 +139,10 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
     assert asked
 
 
-def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path, tmp_path: Path):
+def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_path):
     # so long that the batch is not done when the signal arrives
     for seed in range(3, 6):
-        record(traces / f"drive-{seed}.csv", seed, 25)
+        record(traces / f"drive-{seed}.csv", seed, 15)
     out = tmp_path / "out"
     words = ["run-ripple", str(traces), "--no-report", "--workers", "1", "--out", str(out)]
     running = subprocess.Popen(
@@ -185,7 +179,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path,
         ("diagnose", (), {"x"}),
     ],
 )
-def test_every_command_leaves_its_own_files(command, options, results, tmp_path: Path):
+def test_every_command_leaves_its_own_files(command, options, results, tmp_path):
     for name in ("results", ".parts"):
         (tmp_path / "out" / name).mkdir(parents=True)
     source = record(tmp_path / "x.csv", 0)
@@ -202,7 +196,7 @@ def test_every_command_leaves_its_own_files(command, options, results, tmp_path:
     assert known["row"] is None
 
 
-def test_inputs_are_files_folders_patterns_and_lists(traces: Path, tmp_path: Path):
+def test_inputs_are_files_folders_patterns_and_lists(traces, tmp_path):
     four = sorted(traces.iterdir())
     assert [entry.path for entry in expand_inputs([str(traces)])] == four
     pattern = expand_inputs([str(traces / "drive-*.csv"), str(four[0])])
@@ -217,7 +211,7 @@ def test_inputs_are_files_folders_patterns_and_lists(traces: Path, tmp_path: Pat
         expand_inputs([str(tmp_path / "*.none")])
 
 
-def test_a_batch_folder_has_one_writer_and_survives_a_torn_line(tmp_path: Path):
+def test_a_batch_folder_has_one_writer_and_survives_a_torn_line(tmp_path):
     entry = Input(record(tmp_path / "a.csv", 0))
     done = {"stamps": stamps_of(entry.path), "row": {
         "input": "a.csv", "sha256": "0", "exit_code": 4, "error": "=1+1", "result": None,
@@ -241,7 +235,7 @@ def test_a_batch_folder_has_one_writer_and_survives_a_torn_line(tmp_path: Path):
     assert len((tmp_path / "out" / "batch.jsonl").read_text().splitlines()) == 4
 
 
-def test_names_of_results_are_unique_and_stay(tmp_path: Path):
+def test_names_of_results_are_unique_and_stay(tmp_path):
     inputs = [Input(tmp_path / place) for place in ("a/x.csv", "b/x.csv", "x.csv.gz")]
     folder = BatchFolder(tmp_path / "out", "filter", resume=False)
     assert folder.names(inputs) == ["x", "x-2", "x-3"]

@@ -89,6 +89,20 @@ def test_loop_is_bounded_independent_of_rate_and_has_memory():
     assert loop[:50].mean() > 0.0 > loop[-1]
 
 
+def test_a_channel_that_is_late_and_limited_acts_on_all_that_stands_in_it():
+    names = ("time-skew", "ripple-harmonic", "saturation")
+    made = build(Case("w", "C", "compact", seed=3, hidden=tuple(Hidden(n, "high") for n in names)))
+    # 3 ms are three samples; the effects stand in the order of the case
+    late, line, limit = made.torques
+    assert [entry["size"] for entry in made.truth["hidden"]] == [0.003, 0.4, 1.0 / 26.0]
+    limited = made.scene.clean + line + limit
+    assert (limited + late)[3:] == pytest.approx(limited[:-3], abs=1e-9)
+    # gentle or sharp, a limit has a gain of 1 at small torque and bends all of it
+    power = made.truth["hidden"][2]["shape"]["power"]
+    whole = made.scene.clean + line
+    assert limited == pytest.approx(whole / (1.0 + np.abs(whole / 26.0) ** power) ** (1.0 / power))
+
+
 def test_oracle_explains_what_was_hidden():
     made = build(Case("o", "B", "compact", seed=5, hidden=(Hidden("zero-step", "high"),)))
     best = oracle(made)

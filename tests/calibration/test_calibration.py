@@ -1,24 +1,17 @@
 """Calibration by the report's method."""
 
-from __future__ import annotations
-
-import csv
 import json
 import math
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
+from worked_example import ARM, needs_data, torque_arm
 
 from hdbench.calibration import consistency_interval, evaluate_calibration
 from hdbench.errors import DataError
 from hdbench.records import LoadReading, Loads
-
-DATA = os.environ.get("HDBENCH_DATA")
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 
 # eight gains at four positions, two directions each, with mean 6.6 and consistency 2 %
 EIGHT = [6.43, 6.46, 6.50, 6.56, 6.63, 6.69, 6.75, 6.78]
@@ -43,18 +36,6 @@ def loads_of(
     return Loads(tuple(readings))
 
 
-def unh(*series: str) -> Loads:
-    readings = []
-    for direction in series:
-        path = Path(str(DATA)) / "unh_torque_arm_cal" / f"torque_arm_{direction}.csv"
-        with path.open(newline="") as file:
-            for row in csv.DictReader(file):
-                volts, torque = float(row["mean_volts_per_volt"]), float(row["mean_torque"])
-                branch = "up" if direction == "ascending" else "down"
-                readings.append(LoadReading("arm", 0.0, "full", "cw", branch, torque, volts))
-    return Loads(tuple(readings), source="torque_arm")
-
-
 @needs_data
 @pytest.mark.parametrize(
     ("series", "key"),
@@ -64,10 +45,10 @@ def unh(*series: str) -> Loads:
         (("descending",), "descending"),
     ],
 )
-def test_torque_arm_gives_its_published_regression(series: tuple[str, ...], key: str) -> None:
-    path = Path(str(DATA)) / "unh_torque_arm_cal" / "torque_arm_calibration.json"
-    published = json.loads(path.read_text())[f"linear regression {key}"]
-    result = evaluate_calibration(unh(*series), max_consistency=0.05)
+def test_torque_arm_gives_its_published_regression(series, key):
+    published = json.loads((ARM / "torque_arm_calibration.json").read_text())
+    published = published[f"linear regression {key}"]
+    result = evaluate_calibration(torque_arm(*series), max_consistency=0.05)
     # the same regression in double precision; 1e-9 is rounding with margin
     assert result.gain_nm_per_v.value == pytest.approx(published["slope"], rel=1e-9)
     assert result.gain_nm_per_v.std == pytest.approx(published["std_err"], rel=1e-9)
@@ -75,7 +56,7 @@ def test_torque_arm_gives_its_published_regression(series: tuple[str, ...], key:
     assert line.intercept_nm == pytest.approx(published["intercept"], rel=1e-8)
 
 
-def test_mean_gain_has_the_uncertainty_of_a_mean_over_positions() -> None:
+def test_mean_gain_has_the_uncertainty_of_a_mean_over_positions():
     gain = evaluate_calibration(loads_of(EIGHT), max_consistency=0.05).gain_nm_per_v
     means = np.reshape(EIGHT, (4, 2)).mean(axis=1)
     # values without noise: rounding of the lines
@@ -88,7 +69,7 @@ def test_mean_gain_has_the_uncertainty_of_a_mean_over_positions() -> None:
     assert (high - low) / 2.0 == pytest.approx(0.22456, abs=5e-6)
 
 
-def test_consistency_is_the_sample_coefficient_of_variation() -> None:
+def test_consistency_is_the_sample_coefficient_of_variation():
     result = evaluate_calibration(loads_of(EIGHT), max_consistency=0.05)
     # scipy is another implementation of std (ddof 1) over mean
     assert result.consistency == pytest.approx(stats.variation(EIGHT, ddof=1), rel=1e-9)
@@ -96,7 +77,7 @@ def test_consistency_is_the_sample_coefficient_of_variation() -> None:
     assert evaluate_calibration(loads_of(EIGHT), max_consistency=0.02).accepted is False
 
 
-def test_two_percent_from_eight_is_known_from_1_3_to_4_1_percent() -> None:
+def test_two_percent_from_eight_is_known_from_1_3_to_4_1_percent():
     low, high = consistency_interval(0.02, 7)
     s_low, s_high = (0.02 * math.sqrt(7.0 / stats.chi2.ppf(p, 7)) for p in (0.975, 0.025))
     # the interval of a coefficient of variation differs from that of s by terms of C^2 = 4e-4
@@ -104,7 +85,7 @@ def test_two_percent_from_eight_is_known_from_1_3_to_4_1_percent() -> None:
     assert high == pytest.approx(s_high, rel=2e-3)
 
 
-def test_consistency_interval_covers_the_truth() -> None:
+def test_consistency_interval_covers_the_truth():
     rng = np.random.default_rng(1)
     n_runs, hits, truth = 2000, 0, 0.1
     for _ in range(n_runs):
@@ -115,16 +96,14 @@ def test_consistency_interval_covers_the_truth() -> None:
     assert stats.binom.ppf(5e-4, n_runs, 0.95) <= hits <= stats.binom.ppf(0.9995, n_runs, 0.95)
 
 
-def test_gains_that_share_positions_know_their_spread_less_well() -> None:
+def test_gains_that_share_positions_know_their_spread_less_well():
     result = evaluate_calibration(loads_of(EIGHT), max_consistency=0.05)
-    assert result.consistency_interval is not None
-    assert result.consistency_interval_positions is not None
     assert result.consistency_interval_positions[1] is not None
     assert result.consistency_interval[1] is not None
     assert result.consistency_interval_positions[1] > 1.5 * result.consistency_interval[1]
 
 
-def test_a_single_position_says_what_its_uncertainty_leaves_out() -> None:
+def test_a_single_position_says_what_its_uncertainty_leaves_out():
     result = evaluate_calibration(loads_of([6.6], noise_v=0.01), max_consistency=0.05)
     assert result.gain_basis == "residual"
     assert "leaves out the spread between positions" in result.gain_basis_reason
@@ -132,7 +111,7 @@ def test_a_single_position_says_what_its_uncertainty_leaves_out() -> None:
     assert result.accepted is None
 
 
-def test_unbalanced_positions_are_marked() -> None:
+def test_unbalanced_positions_are_marked():
     result = evaluate_calibration(loads_of(EIGHT[:7]), max_consistency=0.05)
     assert result.gain_basis == "positions-unbalanced"
     assert [note.name for note in result.notes] == ["gain-positions-unbalanced"]
@@ -140,7 +119,7 @@ def test_unbalanced_positions_are_marked() -> None:
     assert result.gain_nm_per_v.value == pytest.approx(np.mean(EIGHT[:7]), rel=1e-9)
 
 
-def test_doubling_the_volts_halves_the_gain_and_keeps_the_consistency() -> None:
+def test_doubling_the_volts_halves_the_gain_and_keeps_the_consistency():
     loads = loads_of(EIGHT, noise_v=0.01)
     doubled = Loads(tuple(replace(r, reading_v=2.0 * r.reading_v) for r in loads.readings))
     one, two = (evaluate_calibration(x, max_consistency=0.05) for x in (loads, doubled))
@@ -149,7 +128,7 @@ def test_doubling_the_volts_halves_the_gain_and_keeps_the_consistency() -> None:
     assert two.consistency == pytest.approx(one.consistency, rel=1e-9)
 
 
-def test_a_reading_off_the_line_is_marked_and_kept() -> None:
+def test_a_reading_off_the_line_is_marked_and_kept():
     loads = loads_of([6.6], noise_v=0.001)
     readings = list(loads.readings)
     readings[3] = replace(readings[3], reading_v=readings[3].reading_v + 0.1)
@@ -158,7 +137,7 @@ def test_a_reading_off_the_line_is_marked_and_kept() -> None:
     assert result.experiments[0].n == len(readings)
 
 
-def test_clean_experiments_seldom_show_a_doubtful_reading() -> None:
+def test_clean_experiments_seldom_show_a_doubtful_reading():
     marked = sum(
         bool(
             evaluate_calibration(loads_of([6.6], noise_v=0.01, seed=k), max_consistency=0.05)
@@ -171,7 +150,7 @@ def test_clean_experiments_seldom_show_a_doubtful_reading() -> None:
     assert marked <= stats.binom.ppf(0.999, 150, 0.05)
 
 
-def test_steps_hold_the_hysteresis_of_each_load() -> None:
+def test_steps_hold_the_hysteresis_of_each_load():
     loads = loads_of([5.0])
     lifted = tuple(
         replace(r, reading_v=r.reading_v + (0.03 if r.series == "down" else 0.0))
@@ -186,7 +165,7 @@ def test_steps_hold_the_hysteresis_of_each_load() -> None:
     assert line.hysteresis_nm == pytest.approx(0.03 * line.gain_nm_per_v, rel=1e-9)
 
 
-def test_steps_and_class_are_those_of_the_readings() -> None:
+def test_steps_and_class_are_those_of_the_readings():
     body = evaluate_calibration(loads_of(EIGHT, noise_v=0.01), max_consistency=0.05).to_json()
     assert isinstance(body["experiments"][0]["gain_nm_per_v"], float)
     # four loads in two directions; five with the zero in each of eight experiments
@@ -213,7 +192,7 @@ def test_steps_and_class_are_those_of_the_readings() -> None:
         ),
     ],
 )
-def test_loads_without_a_line_are_refused(loads: Loads, text: str) -> None:
+def test_loads_without_a_line_are_refused(loads, text):
     with pytest.raises(DataError, match=text) as caught:
         evaluate_calibration(loads, max_consistency=0.05)
     assert caught.value.exit_code == 4

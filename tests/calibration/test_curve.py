@@ -1,22 +1,14 @@
 """Shape of the curve: published regressions, lack of fit, a published torque arm."""
 
-from __future__ import annotations
-
-import csv
 import json
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
+from worked_example import needs_data, torque_arm
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.lines import loading_loop, series_lack_of_fit
-from hdbench.records import LoadReading, Loads
-
-DATA = os.environ.get("HDBENCH_DATA")
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 
 # four series of a published synthetic calibration, zero-reduced, loading, V
 UP = np.array(
@@ -30,9 +22,8 @@ UP = np.array(
 STEPS = np.array([8.0, 16.0, 24.0, 32.0, 40.0])
 
 
-def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_series() -> None:
+def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_series():
     found = series_lack_of_fit(STEPS, UP)
-    assert found is not None
     # half a unit of the last printed digit; the fourth is -0.2955, printed as -0.29
     np.testing.assert_allclose(
         1e3 * np.array(found.curve_v), [-1.64, -3.52, -2.66, -0.29, 3.57], atol=6e-3
@@ -45,12 +36,11 @@ def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_ser
     assert found.relative == pytest.approx(0.0006, abs=5e-5)
 
 
-def test_the_loop_of_the_worked_series_has_the_printed_area_and_width() -> None:
+def test_the_loop_of_the_worked_series_has_the_printed_area_and_width():
     torque = np.array([0.0, 8.0, 16.0, 24.0, 32.0, 40.0])
     up = np.array([0.013, 1.220, 2.432, 3.643, 4.857, 6.073])
     down = np.array([0.016, 1.241, 2.460, 3.671, 4.876, 6.073])
     found = loading_loop((torque, up), (torque[::-1], down[::-1]), 40.0 / 6.060, 0.2)
-    assert found is not None
     assert found.area_v_nm == pytest.approx(0.7800, abs=5e-5)
     assert 100.0 * found.area_relative == pytest.approx(0.3218, abs=5e-5)
     # 28 mV wide, 0.462 % of full scale
@@ -58,32 +48,24 @@ def test_the_loop_of_the_worked_series_has_the_printed_area_and_width() -> None:
     assert 100.0 * found.relative == pytest.approx(0.462, abs=5e-4)
 
 
-def test_a_lens_and_a_constant_width_are_told_apart() -> None:
+def test_a_lens_and_a_constant_width_are_told_apart():
     torque = np.linspace(0.0, 40.0, 9)
     share = torque / 40.0
     up = torque / 6.6
     width = np.where(torque > 0.0, 0.3 + 0.8 * 4.0 * share * (1.0 - share), 0.0)
     found = loading_loop((torque, up), (torque, up + width / 6.6), 6.6, 0.2)
-    assert found is not None
     assert found.constant_nm == pytest.approx(0.3, rel=1e-9)
     assert found.lens_nm == pytest.approx(0.8, rel=1e-9)
 
 
-def test_branches_without_a_common_torque_have_no_loop() -> None:
+def test_branches_without_a_common_torque_have_no_loop():
     assert loading_loop((STEPS, STEPS), (STEPS + 100.0, STEPS), 6.6, 0.1) is None
     assert loading_loop((STEPS, STEPS), (STEPS[:0], STEPS[:0]), 6.6, 0.1) is None
 
 
 @needs_data
-def test_the_torque_arm_has_its_hysteresis_and_zero_return() -> None:
-    readings = []
-    for file, series in (("ascending", "up"), ("descending", "down")):
-        path = Path(str(DATA)) / "unh_torque_arm_cal" / f"torque_arm_{file}.csv"
-        with path.open(newline="") as lines:
-            for row in csv.DictReader(lines):
-                volts, torque = float(row["mean_volts_per_volt"]), float(row["mean_torque"])
-                readings.append(LoadReading("arm", 0.0, "full", "cw", series, torque, volts))
-    result = evaluate_calibration(Loads(tuple(readings)), max_consistency=0.05)
+def test_the_torque_arm_has_its_hysteresis_and_zero_return():
+    result = evaluate_calibration(torque_arm("ascending", "descending"), max_consistency=0.05)
     body = json.loads(json.dumps(result.to_json(), allow_nan=False))
     loop = body["hysteresis"]["arm"]
     # largest down less up at equal torque, over 360 N m: 0.93 %; zero return 0.09 N m

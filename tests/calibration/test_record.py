@@ -1,7 +1,5 @@
 """The whole result: intervals that cover, limits that decide, budget and Monte Carlo."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math
@@ -15,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from worked_example import masses
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.budget import combined, expanded_uncertainty, propagate, with_shares
@@ -30,8 +29,6 @@ _TOOL = Path(__file__).parents[2] / "tools" / "coverage.py"
 
 def tool():
     spec = importlib.util.spec_from_file_location("coverage_tool", _TOOL)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     # a dataclass looks its module up by name
     sys.modules[spec.name] = module
@@ -60,37 +57,16 @@ EXAMPLE = [
 ]
 
 
-def masses(positions: int = 4, **more: object) -> Loads:
-    """Return loads by mass on the arm of the built-in profile, gains 1 % apart."""
-    arm = load_profile("cim-tr-97-06").data.arm
-    rng = np.random.default_rng(6)
-    rows = []
-    for place in range(positions):
-        gain = 6.6 * (1.0 + 0.01 * rng.normal())
-        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
-            for series, order in (("up", (0, 2, 4, 6, 8)), ("down", (8, 6, 4, 2, 0))):
-                for kilograms in order:
-                    torque = sign * kilograms * arm.gravity_m_s2 * arm.length_m
-                    rows.append(
-                        LoadReading(
-                            f"{place}{way}", place * 1.5, "full", way, series, torque,
-                            torque / gain + 1e-4 * rng.normal(), mass_kg=float(kilograms), **more,
-                        )
-                    )  # fmt: skip
-    return Loads(tuple(rows))
-
-
 def bench_with(text: str):
     given = load_profile("cim-tr-97-06").text
     return parse_profile(given + text, "p").data
 
 
-def test_the_monte_carlo_interval_is_that_of_the_formula() -> None:
+def test_the_monte_carlo_interval_is_that_of_the_formula():
     parts = [(6.6 * r.relative_std, r.dof) for r in EXAMPLE]
     std, dof = combined(parts)
     formula = expanded_uncertainty(std, dof)
     found = propagate(6.6, EXAMPLE, (std, formula.expanded), seed=1)
-    assert found is not None
     # ends of a t of 3 dof from a million draws scatter by 6e-4; five of them, and the 0.4 % by
     # which the effective degrees of freedom are an approximation
     low, high = found.interval_nm_per_v
@@ -104,7 +80,7 @@ def test_the_monte_carlo_interval_is_that_of_the_formula() -> None:
     assert again == found
 
 
-def test_the_combined_uncertainty_is_that_of_gtc() -> None:
+def test_the_combined_uncertainty_is_that_of_gtc():
     from GTC import dof, uncertainty, ureal
 
     gain = 6.6 * (
@@ -117,13 +93,13 @@ def test_the_combined_uncertainty_is_that_of_gtc() -> None:
     assert free == pytest.approx(dof(gain), rel=1e-9)
 
 
-def test_shares_of_a_budget_add_up_to_one() -> None:
+def test_shares_of_a_budget_add_up_to_one():
     shares = [entry.share for entry in with_shares(EXAMPLE)]
     assert math.fsum(shares) == pytest.approx(1.0, rel=1e-12)
     assert with_shares([row("nothing", 0.0, "normal")])[0].share == 0.0
 
 
-def test_intervals_of_simulated_calibrations_cover_the_mean_of_both_directions() -> None:
+def test_intervals_of_simulated_calibrations_cover_the_mean_of_both_directions():
     n = 150
     found = tool().count(n, 11, "balanced")
     # binomial(150, 0.95), false alarm 1e-3; the naive one is meant to be far too short
@@ -132,12 +108,12 @@ def test_intervals_of_simulated_calibrations_cover_the_mean_of_both_directions()
     assert found.half_width > 1.5 * found.naive_half_width
 
 
-def test_intervals_cover_where_an_experiment_was_lost() -> None:
+def test_intervals_cover_where_an_experiment_was_lost():
     found = tool().count(40, 12, "one lost")
     assert found.covered >= stats.binom.ppf(1e-3, 40, 0.93)
 
 
-def test_a_gain_holds_what_is_declared_of_the_torque_and_does_not_average_it_away() -> None:
+def test_a_gain_holds_what_is_declared_of_the_torque_and_does_not_average_it_away():
     bare = bench_with("")
     sure = bench_with("\n[standards.length]\nhalf_width_m = 0.01\n")
     few, many = (evaluate_calibration(masses(n), max_consistency=0.1, bench=sure) for n in (4, 16))
@@ -153,7 +129,7 @@ def test_a_gain_holds_what_is_declared_of_the_torque_and_does_not_average_it_awa
     assert rows["mass of the weights"]["origin"] == "not declared"
 
 
-def test_a_bench_that_declares_nothing_gives_the_scatter_alone() -> None:
+def test_a_bench_that_declares_nothing_gives_the_scatter_alone():
     loads = masses()
     bare = evaluate_calibration(loads, max_consistency=0.1, bench=bench_with(""))
     alone = evaluate_calibration(loads, max_consistency=0.1)
@@ -161,7 +137,7 @@ def test_a_bench_that_declares_nothing_gives_the_scatter_alone() -> None:
     assert bare.to_json()["torque"]["not_declared"]
 
 
-def test_buoyancy_lowers_the_gain_of_masses_and_not_of_given_torques() -> None:
+def test_buoyancy_lowers_the_gain_of_masses_and_not_of_given_torques():
     air = "air_density_kg_m3 = 1.2\n\n[calibration]"
     text = load_profile("cim-tr-97-06").text.replace("[calibration]", air)
     bench = parse_profile(text, "p").data
@@ -189,14 +165,14 @@ def test_buoyancy_lowers_the_gain_of_masses_and_not_of_given_torques() -> None:
         ("max_direction_asymmetry = 0.01", True),
     ],
 )
-def test_limits_of_the_profile_decide(limits: str, accepted: bool) -> None:
+def test_limits_of_the_profile_decide(limits, accepted):
     bench = bench_with(f"\n[calibration.limits]\n{limits}\n")
     result = evaluate_calibration(masses(), max_consistency=0.1, bench=bench)
     assert result.accepted is accepted
     assert result.to_json()["acceptance"]["decision_rule"] == "simple"
 
 
-def test_the_decision_rule_is_stated_and_guarded_acceptance_is_stricter() -> None:
+def test_the_decision_rule_is_stated_and_guarded_acceptance_is_stricter():
     guarded = bench_with('\n[calibration.limits]\ndecision_rule = "guarded"\n')
     simple = evaluate_calibration(masses(), max_consistency=0.015)
     strict = evaluate_calibration(masses(), max_consistency=0.015, bench=guarded)
@@ -206,7 +182,7 @@ def test_the_decision_rule_is_stated_and_guarded_acceptance_is_stricter() -> Non
     assert "upper end" in strict.to_json()["acceptance"]["statement"]
 
 
-def test_a_value_that_cannot_be_tested_accepts_nothing_and_nan_is_refused() -> None:
+def test_a_value_that_cannot_be_tested_accepts_nothing_and_nan_is_refused():
     held, unknown, broken = (LimitTest(name="a", value=v, limit=2.0) for v in (1.0, None, 3.0))
     assert decide([held, unknown], "simple")[0] is None
     assert decide([broken, unknown], "simple")[0] is False
@@ -214,7 +190,7 @@ def test_a_value_that_cannot_be_tested_accepts_nothing_and_nan_is_refused() -> N
         LimitTest(name="c", value=math.nan, limit=2.0)
 
 
-def test_a_reading_off_the_common_course_is_flagged_and_kept() -> None:
+def test_a_reading_off_the_common_course_is_flagged_and_kept():
     rows = list(masses().readings)
     for place in (13, 51):
         rows[place] = replace(rows[place], reading_v=rows[place].reading_v + 0.02)
@@ -226,7 +202,7 @@ def test_a_reading_off_the_common_course_is_flagged_and_kept() -> None:
     assert result.n_samples == len(rows)
 
 
-def test_a_clean_calibration_seldom_flags_a_reading() -> None:
+def test_a_clean_calibration_seldom_flags_a_reading():
     flagged = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -237,7 +213,7 @@ def test_a_clean_calibration_seldom_flags_a_reading() -> None:
     assert flagged <= stats.binom.ppf(0.999, 40, 0.10)
 
 
-def test_the_low_range_is_compared_with_the_full_one_at_each_position() -> None:
+def test_the_low_range_is_compared_with_the_full_one_at_each_position():
     full = masses().readings
     low = [
         replace(
@@ -257,7 +233,7 @@ def test_the_low_range_is_compared_with_the_full_one_at_each_position() -> None:
     assert {g["range"] for g in body["groups"]} == {"full", "low"}
 
 
-def test_side_force_and_asymmetry_stay_one_group_in_the_result() -> None:
+def test_side_force_and_asymmetry_stay_one_group_in_the_result():
     body = evaluate_calibration(masses(), max_consistency=0.1, bench=bench_with("")).to_json()
     assert body["direction_effects"]["group"] == ["side-force", "direction-asymmetry"]
     assert body["direction_effects"]["separated"] is False
@@ -271,7 +247,7 @@ def test_side_force_and_asymmetry_stay_one_group_in_the_result() -> None:
     assert abs(body["direction_effects"]["crosstalk_v_per_n"]["value"]) < 1e-4
 
 
-def test_the_side_force_is_sized_and_cancels_in_the_mean_of_both_directions() -> None:
+def test_the_side_force_is_sized_and_cancels_in_the_mean_of_both_directions():
     bench = bench_with("")
     body = evaluate_calibration(masses(), max_consistency=0.1, bench=bench).to_json()
     assert body["side_force"]["force_n"] == pytest.approx(8.0 * bench.arm.gravity_m_s2)
@@ -283,7 +259,7 @@ def test_the_side_force_is_sized_and_cancels_in_the_mean_of_both_directions() ->
     assert "side force, one direction only" in [r["name"] for r in alone["budget"]]
 
 
-def test_shunt_readings_are_compared_with_those_of_the_last_calibration() -> None:
+def test_shunt_readings_are_compared_with_those_of_the_last_calibration():
     shunt = "\n[calibration.shunt]\nresistor_ohm = 144200.0\nexpected_v = 6.0\n"
     rows = (replace(masses().readings[0], reading_v=6.003), *masses().readings)
     words = ("shunt",) + ("",) * (len(rows) - 1)
@@ -294,7 +270,7 @@ def test_shunt_readings_are_compared_with_those_of_the_last_calibration() -> Non
     assert body["shunt"]["torque_equivalent_nm"] == pytest.approx(6.6 * 6.0, rel=0.02)
 
 
-def test_the_course_beside_the_readings_is_read(tmp_path: Path) -> None:
+def test_the_course_beside_the_readings_is_read(tmp_path):
     write_loads(tmp_path / "loads.csv", masses())
     (tmp_path / "sequence.csv").write_text(
         "time_s,kind,experiment,torque_nm,reading_v,superseded\n"
@@ -324,7 +300,7 @@ def test_the_course_beside_the_readings_is_read(tmp_path: Path) -> None:
         ("excluded_at_s", "1;x"),
     ],
 )
-def test_an_optional_column_with_nonsense_is_refused_with_its_place(column: str, cell: str) -> None:
+def test_an_optional_column_with_nonsense_is_refused_with_its_place(column, cell):
     rows = masses().readings
     cells = ("",) * 3 + (cell,) + ("",) * (len(rows) - 4)
     loads = Loads(rows, source="loads.csv", extra_columns={column: cells})
@@ -333,7 +309,7 @@ def test_an_optional_column_with_nonsense_is_refused_with_its_place(column: str,
     assert "reading 4" in caught.value.where
 
 
-def test_the_record_has_every_reading_and_says_what_its_class_is() -> None:
+def test_the_record_has_every_reading_and_says_what_its_class_is():
     result = evaluate_calibration(
         masses(temperature_c=21.0), max_consistency=0.1, bench=bench_with(""), monte_carlo_seed=0
     )
@@ -343,7 +319,7 @@ def test_the_record_has_every_reading_and_says_what_its_class_is() -> None:
     assert result.course.temperature_c.first == 21.0
 
 
-def test_a_new_profile_names_every_key_and_reads_back() -> None:
+def test_a_new_profile_names_every_key_and_reads_back():
     text = new_profile("bench-a")
     profile = parse_profile(text, "p")
     assert profile.data.standards == load_profile("cim-tr-97-06").data.standards
@@ -352,7 +328,7 @@ def test_a_new_profile_names_every_key_and_reads_back() -> None:
     assert "masses_kg" in tomllib.loads(text)["calibration"]["cg14"]
 
 
-def test_the_other_direction_first_gives_the_same_gain_and_turns_the_asymmetry() -> None:
+def test_the_other_direction_first_gives_the_same_gain_and_turns_the_asymmetry():
     other = {"cw": "ccw", "ccw": "cw"}
     loads = masses()
     rows = tuple(
@@ -387,7 +363,7 @@ READINGS = st.lists(
 
 @settings(max_examples=60, deadline=None)
 @given(rows=READINGS, gain=st.sampled_from([6.6, -6.6, 1e5, 1e-6]), same=st.booleans())
-def test_any_loads_give_a_result_or_a_reason(rows, gain: float, same: bool) -> None:
+def test_any_loads_give_a_result_or_a_reason(rows, gain, same):
     places = {"a": 0.0, "b": 0.0 if same else 2.0, "c": 4.0}
     ways = {"a": "cw", "b": "ccw", "c": "cw"}
     loads = Loads(

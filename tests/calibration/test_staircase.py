@@ -1,7 +1,5 @@
 """Plateaus of raw readings: found without being told, glitches and stuck samples left out."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
@@ -43,9 +41,7 @@ def arm():
 
 @needs_data
 @pytest.mark.parametrize(("column", "counts_per_lb"), [(11, 997.0), (12, 1004.0)])
-def test_a_load_cell_under_dead_weights_has_nine_plateaus(
-    tmp_path: Path, column: int, counts_per_lb: float
-) -> None:
+def test_a_load_cell_under_dead_weights_has_nine_plateaus(tmp_path, column, counts_per_lb):
     out = tmp_path / "loads.csv"
     report = import_staircase(cell_plan(column), cell_file(), out, arm())
     body = json.loads(json.dumps(report.to_dict(), allow_nan=False))
@@ -60,7 +56,7 @@ def test_a_load_cell_under_dead_weights_has_nine_plateaus(
 
 
 @needs_data
-def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path: Path) -> None:
+def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path):
     out = tmp_path / "loads.csv"
     import_staircase(cell_plan(11), cell_file(), out, arm())
     loads = read_loads(out, arm())
@@ -79,7 +75,7 @@ def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path: Path) -> None
 
 
 @needs_data
-def test_loads_that_do_not_match_list_the_plateaus_that_were_found(tmp_path: Path) -> None:
+def test_loads_that_do_not_match_list_the_plateaus_that_were_found(tmp_path):
     out = tmp_path / "loads.csv"
     with pytest.raises(DataError, match="found 9 plateaus for 3 loads") as caught:
         import_staircase(cell_plan(11, (0.0, 10.0, 20.0)), cell_file(), out, arm())
@@ -105,9 +101,7 @@ def staircase(
     offset=st.sampled_from([0.0, -3.0, 200.0]),
     seed=st.integers(0, 10_000),
 )
-def test_any_staircase_is_found_with_its_levels(
-    n: int, scale: float, offset: float, seed: int
-) -> None:
+def test_any_staircase_is_found_with_its_levels(n, scale, offset, seed):
     rng = np.random.default_rng(seed)
     levels = [offset + float(k) for k in np.cumsum(rng.choice([-1.0, 1.0, 2.0], size=n))]
     x, truth = staircase(levels, 0.02, rng)
@@ -119,7 +113,7 @@ def test_any_staircase_is_found_with_its_levels(
     )
 
 
-def test_glitches_anywhere_are_left_out_of_every_average() -> None:
+def test_glitches_anywhere_are_left_out_of_every_average():
     rng = np.random.default_rng(1)
     x, levels = staircase([0.0, 1.0, 2.0, 1.0, 0.0], 0.01, rng)
     bad = rng.choice(np.arange(5, len(x) - 5), size=12, replace=False)
@@ -130,7 +124,7 @@ def test_glitches_anywhere_are_left_out_of_every_average() -> None:
     np.testing.assert_allclose([p.mean for p in found.plateaus], levels, atol=0.01)
 
 
-def test_pairs_and_ends_of_a_record_may_be_glitches_and_steps_are_none() -> None:
+def test_pairs_and_ends_of_a_record_may_be_glitches_and_steps_are_none():
     rng = np.random.default_rng(2)
     x, _ = staircase([0.0, 5.0, 0.0], 0.01, rng, hold=60)
     assert not find_glitches(x).any()
@@ -138,7 +132,7 @@ def test_pairs_and_ends_of_a_record_may_be_glitches_and_steps_are_none() -> None
     assert list(np.flatnonzero(find_glitches(x))) == [0, 40, 41]
 
 
-def test_a_converter_that_stood_still_is_found_and_left_out() -> None:
+def test_a_converter_that_stood_still_is_found_and_left_out():
     rng = np.random.default_rng(3)
     x, _ = staircase([0.0, 1.0, 0.0], 0.01, rng, hold=150)
     x[200:260] = x[200]
@@ -151,7 +145,7 @@ def test_a_converter_that_stood_still_is_found_and_left_out() -> None:
     assert not find_stuck(np.repeat(rng.normal(size=10), 50)).any()
 
 
-def test_a_zero_that_does_not_flicker_is_kept_and_marked() -> None:
+def test_a_zero_that_does_not_flicker_is_kept_and_marked():
     rng = np.random.default_rng(7)
     x, levels = staircase([0.0, 1.0, 2.0, 1.0], 0.01, rng, hold=100)
     x[:100] = 0.0
@@ -160,7 +154,7 @@ def test_a_zero_that_does_not_flicker_is_kept_and_marked() -> None:
     assert len(found.plateaus[0].stuck_at_s) > 60
 
 
-def test_missing_samples_are_no_glitches_and_no_readings() -> None:
+def test_missing_samples_are_no_glitches_and_no_readings():
     rng = np.random.default_rng(4)
     x, levels = staircase([0.0, 1.0, 0.0], 0.01, rng)
     x[::7] = np.nan
@@ -172,12 +166,12 @@ def test_missing_samples_are_no_glitches_and_no_readings() -> None:
 @pytest.mark.parametrize(
     ("x", "n"), [([], 0), ([1.0] * 5, 0), ([np.nan] * 100, 0), ([3.0] * 100, 1)]
 )
-def test_short_empty_and_constant_records_are_taken(x: list[float], n: int) -> None:
+def test_short_empty_and_constant_records_are_taken(x, n):
     found = find_plateaus(np.arange(len(x)) / 10.0, np.array(x))
     assert len(found.plateaus) == n
 
 
-def test_an_impossible_shortest_plateau_is_refused() -> None:
+def test_an_impossible_shortest_plateau_is_refused():
     with pytest.raises(ValueError, match="least"):
         find_plateaus(np.arange(3.0), np.arange(3.0), float("nan"))
 
@@ -200,9 +194,7 @@ def written(tmp_path: Path, text: str) -> Path:
         ((), ("t", "v"), DataError, "found 0 plateaus for 9 loads"),
     ],
 )
-def test_a_staircase_that_cannot_be_brought_in_says_why(
-    tmp_path: Path, constants, maps, error, text: str
-) -> None:
+def test_a_staircase_that_cannot_be_brought_in_says_why(tmp_path, constants, maps, error, text):
     file = written(tmp_path, "t,v\n" + "".join(f"{k},{k % 3}\n" for k in range(9)))
     names = zip(("time_s", "reading_v"), maps, strict=True)
     plan = StaircasePlan(
@@ -214,7 +206,7 @@ def test_a_staircase_that_cannot_be_brought_in_says_why(
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_the_input_is_never_overwritten(tmp_path: Path) -> None:
+def test_the_input_is_never_overwritten(tmp_path):
     file = written(tmp_path, "t,v\n0,1\n1,2\n")
     plan = StaircasePlan((Entry("time_s", "t"), Entry("reading_v", "v")), (), LB)
     with pytest.raises(UsageError, match="is the input"):

@@ -1,16 +1,10 @@
 """Step by step in the manner of EURAMET cg-14: a published example to its last printed digit."""
 
-from __future__ import annotations
-
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 from worked_example import SERIES, worked_loads
 
 from hdbench.calibration import evaluate_calibration
@@ -90,7 +84,7 @@ PARTS = {
 @pytest.mark.parametrize(("keys", "scale", "digit", "printed"), TABLE)
 def test_every_printed_figure_of_the_worked_example_is_reproduced(
     example, keys, scale, digit, printed
-) -> None:
+):
     # a hair above half a unit: two printed figures end in an exact five
     np.testing.assert_allclose(
         scale * np.array(column(example, *keys)), printed, rtol=0.0, atol=1.01 * digit
@@ -98,18 +92,18 @@ def test_every_printed_figure_of_the_worked_example_is_reproduced(
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_every_part_of_the_uncertainty_of_loading_is_reproduced(example, name: str) -> None:
+def test_every_part_of_the_uncertainty_of_loading_is_reproduced(example, name):
     found = 100.0 * np.array(column(example, "increasing", "parts", name))
     np.testing.assert_allclose(found, PARTS[name], rtol=0.0, atol=5.05e-5)
 
 
-def test_the_part_of_reversibility_is_reproduced(example) -> None:
+def test_the_part_of_reversibility_is_reproduced(example):
     found = column(example, "increasing_decreasing", "parts", "reversibility")
     printed = [0.4857, 0.3354, 0.2160, 0.1086, 0.0]
     np.testing.assert_allclose(100.0 * np.array(found), printed, rtol=0.0, atol=5.05e-5)
 
 
-def test_lines_zero_and_sensitivities_of_the_worked_example_are_reproduced(example) -> None:
+def test_lines_zero_and_sensitivities_of_the_worked_example_are_reproduced(example):
     group = example[0].to_json()
     assert group["zero_v"] == pytest.approx(0.004, abs=1e-12)
     assert 100.0 * group["zero_relative"] == pytest.approx(0.0661, abs=5e-5)
@@ -122,7 +116,7 @@ def test_lines_zero_and_sensitivities_of_the_worked_example_are_reproduced(examp
     assert group["cubic_v"][0] == pytest.approx(0.150904, abs=5e-7)
 
 
-def test_the_coverage_factor_of_three_positions_is_far_from_two(example) -> None:
+def test_the_coverage_factor_of_three_positions_is_far_from_two(example):
     dof = column(example, "increasing", "dof")
     factors = column(example, "increasing", "coverage_factor")
     # printed: nu_eff 2.3 to 2.0, k 3.8 to 4.3; W at 40 N m is 2.02 %, not 0.95 %
@@ -133,7 +127,7 @@ def test_the_coverage_factor_of_three_positions_is_far_from_two(example) -> None
     )
 
 
-def test_classes_of_the_worked_example_are_those_printed(example) -> None:
+def test_classes_of_the_worked_example_are_those_printed(example):
     second = {c.name: c.allowed for c in example[0].class_increasing_decreasing.criteria}
     assert second["repeatability"] == second["reproducibility"] == second["fit"] == 1.0
     assert (second["zero"], second["reversibility"]) == (0.5, 2.0)
@@ -144,7 +138,7 @@ def test_classes_of_the_worked_example_are_those_printed(example) -> None:
     assert example[0].class_increasing.value == 1.0
 
 
-def test_lines_by_the_reports_method_are_those_printed() -> None:
+def test_lines_by_the_reports_method_are_those_printed():
     result = evaluate_calibration(worked_loads(), max_consistency=0.05)
     gains = [line.gain_nm_per_v for line in result.experiments]
     # printed for volts on torque, each reading once; the regression of torque on volts and the
@@ -163,12 +157,12 @@ def test_lines_by_the_reports_method_are_those_printed() -> None:
         ("torque", [0.010, 0.020, 0.040, 0.10, 0.20, 0.40, 1.0]),
     ],
 )
-def test_class_limits_are_those_of_the_published_table(criterion: str, limits: list[float]) -> None:
+def test_class_limits_are_those_of_the_published_table(criterion, limits):
     found = [100.0 * class_limit(criterion, grade) for grade in CLASSES]
     np.testing.assert_allclose(found, limits, rtol=1e-12)
 
 
-def test_a_value_on_a_limit_is_within_it_and_a_worse_one_is_in_no_class() -> None:
+def test_a_value_on_a_limit_is_within_it_and_a_worse_one_is_in_no_class():
     on = classify({"reproducibility": 0.02}, ("reproducibility",))
     assert on.value == 2.0
     assert classify({"reproducibility": 0.0501}, ("reproducibility",)).value is None
@@ -191,7 +185,7 @@ def swapped(loads: Loads) -> Loads:
     )
 
 
-def test_scaling_the_volts_keeps_every_relative_figure_and_class() -> None:
+def test_scaling_the_volts_keeps_every_relative_figure_and_class():
     one = worked_loads()
     two = Loads(tuple(replace(r, reading_v=2.0 * r.reading_v) for r in one.readings))
     a, b = evaluated(one), evaluated(two, 0.002)
@@ -205,14 +199,14 @@ def test_scaling_the_volts_keeps_every_relative_figure_and_class() -> None:
     )
 
 
-def test_the_other_direction_gives_the_same_steps() -> None:
+def test_the_other_direction_gives_the_same_steps():
     a, b = evaluated(worked_loads()), evaluated(swapped(worked_loads()))
     for keys, *_ in TABLE:
         np.testing.assert_allclose(column(b, *keys), column(a, *keys), atol=1e-12)
     assert evaluated(worked_loads("ccw"))[0].gain_nm_per_v == pytest.approx(a[0].gain_nm_per_v)
 
 
-def test_the_order_of_the_series_keeps_the_mean_and_the_reproducibility() -> None:
+def test_the_order_of_the_series_keeps_the_mean_and_the_reproducibility():
     loads = worked_loads()
     order = [r for name in ("4", "1", "2", "3") for r in loads.readings if r.experiment == name]
     a, b = evaluated(loads), evaluated(Loads(tuple(order)))
@@ -220,7 +214,7 @@ def test_the_order_of_the_series_keeps_the_mean_and_the_reproducibility() -> Non
         np.testing.assert_allclose(column(b, key), column(a, key), atol=1e-12)
 
 
-def test_equal_series_have_neither_repeatability_nor_reproducibility_errors() -> None:
+def test_equal_series_have_neither_repeatability_nor_reproducibility_errors():
     one = [r for r in worked_loads().readings if r.experiment == "1"]
     places = {"1": 0.0, "2": 0.0, "3": 2.0, "4": 4.0}
     same = [
@@ -234,7 +228,7 @@ def test_equal_series_have_neither_repeatability_nor_reproducibility_errors() ->
     assert max(column(found, "reproducibility_v")) < 1e-12
 
 
-def test_the_uncertainty_of_the_torque_is_not_divided_by_the_number_of_positions() -> None:
+def test_the_uncertainty_of_the_torque_is_not_divided_by_the_number_of_positions():
     wide = TorqueAccount("given", None, (), 9.81, "given", ((40.0, 0.05),))
     for names in (("1", "3"), ("1", "3", "4")):
         rows = tuple(r for r in worked_loads().readings if r.experiment in names)
@@ -244,7 +238,7 @@ def test_the_uncertainty_of_the_torque_is_not_divided_by_the_number_of_positions
         assert min(column(found, "increasing", "relative_std")) >= 0.05
 
 
-def test_a_repeated_series_is_told_by_its_column_and_by_its_place() -> None:
+def test_a_repeated_series_is_told_by_its_column_and_by_its_place():
     loads = worked_loads()
     told = tuple("1" if r.experiment == "2" else "0" for r in loads.readings)
     a = evaluated(loads)
@@ -256,7 +250,7 @@ def test_a_repeated_series_is_told_by_its_column_and_by_its_place() -> None:
     assert column(evaluated(mounted), "repeatability_v") == [None] * 5
 
 
-def test_the_last_reading_of_loading_is_the_first_of_unloading() -> None:
+def test_the_last_reading_of_loading_is_the_first_of_unloading():
     loads = worked_loads()
     once = [r for r in loads.readings if not (r.series == "down" and r.torque_nm == 40.0)]
     a, b = evaluated(loads), evaluated(Loads(tuple(once)))
@@ -265,7 +259,7 @@ def test_the_last_reading_of_loading_is_the_first_of_unloading() -> None:
     assert b[0].class_increasing_decreasing.value == 2.0
 
 
-def test_one_series_without_zero_is_evaluated_and_says_what_it_lacks() -> None:
+def test_one_series_without_zero_is_evaluated_and_says_what_it_lacks():
     rows = tuple(
         LoadReading("a", 0.0, "full", "cw", "up", t, 0.15 * t + 0.01) for t in (8.0, 16.0, 24.0)
     )
@@ -278,7 +272,7 @@ def test_one_series_without_zero_is_evaluated_and_says_what_it_lacks() -> None:
     assert body["steps"][0]["increasing_decreasing"] is None
 
 
-def test_a_preload_is_kept_and_not_evaluated() -> None:
+def test_a_preload_is_kept_and_not_evaluated():
     loads = worked_loads()
     preload = replace(loads.readings[5], reading_v=9.9)
     with_it = Loads(
@@ -290,7 +284,7 @@ def test_a_preload_is_kept_and_not_evaluated() -> None:
     assert b.to_json()["course"]["n_preloads"] == 1
 
 
-def test_the_volts_of_the_example_are_read_to_a_millivolt() -> None:
+def test_the_volts_of_the_example_are_read_to_a_millivolt():
     assert all(round(v, 3) == v for _, volts in SERIES.values() for v in volts)
     result = evaluate_calibration(worked_loads(), max_consistency=0.05)
     assert result.groups[0].resolution_v == pytest.approx(0.001)

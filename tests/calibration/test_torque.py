@@ -1,7 +1,5 @@
 """Applied torque: gravity, air, arm, tilt, hanging point, and what each is uncertain by."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -56,25 +54,25 @@ def with_arm(text: str) -> str:
     return given[:start] + f"[arm]\n{text}\n\n" + given[given.index("[calibration]") :]
 
 
-def test_gravity_by_welmec_is_that_of_the_package_that_documents_it() -> None:
+def test_gravity_by_welmec_is_that_of_the_package_that_documents_it():
     # documentation of AHRS, function welmec_gravity, to its last digit
     assert gravity_welmec(52.3, 80.0) == pytest.approx(9.812483709897048, rel=1e-15)
 
 
-def test_normal_gravity_has_the_ellipsoid_values_of_equator_and_pole() -> None:
+def test_normal_gravity_has_the_ellipsoid_values_of_equator_and_pole():
     # WGS 84, NIMA TR8350.2 table 3.4: 9.7803253359 and 9.8321849378 m/s^2, ten decimals
     assert gravity_wgs84(0.0, 0.0) == pytest.approx(9.7803253359, abs=5e-11)
     assert gravity_wgs84(90.0, 0.0) == pytest.approx(9.8321849378, abs=5e-10)
     assert gravity_wgs84(-90.0, 0.0) == gravity_wgs84(90.0, 0.0)
 
 
-def test_both_gravity_formulas_agree_to_a_few_parts_per_million_where_people_live() -> None:
+def test_both_gravity_formulas_agree_to_a_few_parts_per_million_where_people_live():
     for latitude, height, wgs84 in [(45.5048, 50.0, 9.80650039), (52.3, 80.0, 9.81249069)]:
         assert gravity_wgs84(latitude, height) == pytest.approx(wgs84, abs=5e-9)
         assert gravity_welmec(latitude, height) == pytest.approx(wgs84, rel=2e-6)
 
 
-def test_the_profile_takes_gravity_from_latitude_and_height_and_says_so() -> None:
+def test_the_profile_takes_gravity_from_latitude_and_height_and_says_so():
     profile = parse_profile(
         with_arm("length_m = 0.5\nlatitude_deg = 45.5048\naltitude_m = 50"), "p"
     )
@@ -86,12 +84,12 @@ def test_the_profile_takes_gravity_from_latitude_and_height_and_says_so() -> Non
 
 
 @pytest.mark.parametrize("text", ["length_m = 0.5", "length_m = 0.5\nlatitude_deg = 45.0"])
-def test_a_bench_without_gravity_and_place_is_refused(text: str) -> None:
+def test_a_bench_without_gravity_and_place_is_refused(text):
     with pytest.raises(ProfileError, match="latitude_deg and altitude_m"):
         parse_profile(with_arm(text), "p")
 
 
-def test_air_density_is_that_of_the_published_formula() -> None:
+def test_air_density_is_that_of_the_published_formula():
     # OIML R 111-1 equation E.3-1, worked at two states of air, five decimals
     assert air_density(1013.25, 50.0, 20.0) == pytest.approx(1.19929, abs=5e-6)
     assert air_density(1007.0, 45.0, 21.5) == pytest.approx(1.18587, abs=5e-6)
@@ -99,7 +97,7 @@ def test_air_density_is_that_of_the_published_formula() -> None:
         air_density(1013.0, 50.0, math.nan)
 
 
-def test_conventional_mass_and_buoyancy_have_the_published_sizes() -> None:
+def test_conventional_mass_and_buoyancy_have_the_published_sizes():
     steel, in_air = buoyancy_factors(1.18587, 7850.0, conventional=True)
     iron, _ = buoyancy_factors(1.18587, 7100.0, conventional=True)
     # 2.9 and 19 ppm as printed; in air of 1.2 kg/m^3 a conventional mass of any density weighs
@@ -112,7 +110,7 @@ def test_conventional_mass_and_buoyancy_have_the_published_sizes() -> None:
         assert true * pressed == pytest.approx(1.0 - 1.2 / 8000.0, rel=1e-12)
 
 
-def test_eight_kilograms_on_half_a_metre_give_the_published_torque_and_corrections() -> None:
+def test_eight_kilograms_on_half_a_metre_give_the_published_torque_and_corrections():
     applied = applied_torque(8.0, ARM, STANDARDS.mass, WARM)
     assert applied.torque_nm == pytest.approx(39.20937, abs=5e-6)
     assert 1e6 * (applied.torque_nm / (8.0 * 9.80665 * 0.5) - 1.0) == pytest.approx(-440, abs=1.0)
@@ -127,7 +125,7 @@ def test_eight_kilograms_on_half_a_metre_give_the_published_torque_and_correctio
     assert applied.nominal_nm * product == pytest.approx(applied.torque_nm, rel=1e-12)
 
 
-def test_the_budget_of_the_applied_torque_has_the_published_sizes() -> None:
+def test_the_budget_of_the_applied_torque_has_the_published_sizes():
     applied = applied_torque(8.0, ARM, STANDARDS.mass, WARM)
     ppm = {r.name: 1e6 * r.relative_std for r in torque_sources(applied, ARM, STANDARDS)}
     printed = {
@@ -153,9 +151,7 @@ def test_the_budget_of_the_applied_torque_has_the_published_sizes() -> None:
     offset=st.floats(-0.05, 0.05),
     mass=st.floats(0.5, 10.0),
 )
-def test_sensitivities_are_the_derivatives_of_the_torque(
-    tilt: float, offset: float, mass: float
-) -> None:
+def test_sensitivities_are_the_derivatives_of_the_torque(tilt, offset, mass):
     arm = Arm(
         length_m=0.5,
         gravity_m_s2=9.8,
@@ -180,7 +176,7 @@ def test_sensitivities_are_the_derivatives_of_the_torque(
     assert rows["hang-point offset"] == pytest.approx(slope("hang_offset_m", offset), abs=1e-8)
 
 
-def test_what_is_not_declared_is_not_corrected_and_has_no_size() -> None:
+def test_what_is_not_declared_is_not_corrected_and_has_no_size():
     bare = Arm(length_m=0.5, gravity_m_s2=9.8)
     applied = applied_torque(4.0, bare, MassStandard())
     assert applied.torque_nm == 4.0 * 9.8 * 0.5
@@ -189,7 +185,7 @@ def test_what_is_not_declared_is_not_corrected_and_has_no_size() -> None:
     assert all(row.relative_std == 0.0 and not row.declared for row in rows)
 
 
-def test_gravity_by_formula_is_uncertain_by_local_anomalies() -> None:
+def test_gravity_by_formula_is_uncertain_by_local_anomalies():
     there = Arm(length_m=0.5, latitude_deg=45.5, altitude_m=50.0)
     applied = applied_torque(4.0, there, MassStandard())
     row = next(r for r in torque_sources(applied, there, Standards()) if r.name == "local gravity")
@@ -198,12 +194,12 @@ def test_gravity_by_formula_is_uncertain_by_local_anomalies() -> None:
 
 
 @pytest.mark.parametrize("mass", [math.nan, math.inf, -1.0])
-def test_no_torque_is_made_of_an_impossible_mass(mass: float) -> None:
+def test_no_torque_is_made_of_an_impossible_mass(mass):
     with pytest.raises(ValueError, match="mass"):
         applied_torque(mass, ARM, MassStandard())
 
 
-def test_torques_of_masses_are_corrected_and_given_torques_stay() -> None:
+def test_torques_of_masses_are_corrected_and_given_torques_stay():
     bench = load_profile("cim-tr-97-06").data
     bench = bench.model_copy(update={"arm": ARM.model_copy(update={"gravity_m_s2": 9.8065})})
     nominal = 8.0 * 9.8065 * 0.5
@@ -220,7 +216,7 @@ def test_torques_of_masses_are_corrected_and_given_torques_stay() -> None:
     assert account.source == "mixed"
 
 
-def test_another_arm_length_of_a_row_is_used() -> None:
+def test_another_arm_length_of_a_row_is_used():
     bench = load_profile("cim-tr-97-06").data
     nominal = 2.0 * bench.arm.gravity_m_s2 * bench.arm.length_m
     reading = LoadReading("a", 0.0, "full", "cw", "up", nominal, 1.0, mass_kg=2.0)

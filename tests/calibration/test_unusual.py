@@ -1,10 +1,7 @@
 """Readings that are not as a plan has them: other repetitions, signs, steps, rows written twice."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,9 +55,7 @@ def found(readings, **columns):
         ((0, 1, 1, 2, 2, 2, 3), 0.006, 0.006),
     ],
 )
-def test_the_interval_covers_where_positions_have_other_numbers_of_repetitions(
-    places, between, within
-) -> None:
+def test_the_interval_covers_where_positions_have_other_repetitions(places, between, within):
     rng = np.random.default_rng(12)
     numbers = [place for place in places for _ in range(2)]
     ways = [("cw",), ("ccw",)] * len(places)
@@ -76,7 +71,7 @@ def test_the_interval_covers_where_positions_have_other_numbers_of_repetitions(
     assert stats.binom.ppf(5e-4, n_runs, 0.944) <= hits <= stats.binom.ppf(0.9995, n_runs, 0.965)
 
 
-def test_repeated_experiments_at_one_position_give_its_uncertainty_by_their_scatter() -> None:
+def test_repeated_experiments_at_one_position_give_its_uncertainty_by_their_scatter():
     gains = [6.58, 6.60, 6.64]
     result = found([r for k, gain in enumerate(gains) for r in experiment(str(k), gain)])
     assert result.gain_basis == "repetitions"
@@ -86,7 +81,7 @@ def test_repeated_experiments_at_one_position_give_its_uncertainty_by_their_scat
     assert result.gain_nm_per_v.dof == 2.0
 
 
-def test_positions_read_a_milliradian_apart_are_one_position() -> None:
+def test_positions_read_a_milliradian_apart_are_one_position():
     exact = found(calibration())
     moved = [
         replace(r, position_rad=r.position_rad + (1e-3 if r.direction == "cw" else 0.0))
@@ -97,7 +92,7 @@ def test_positions_read_a_milliradian_apart_are_one_position() -> None:
     assert found(jitter).gain_nm_per_v.dof == exact.gain_nm_per_v.dof
 
 
-def test_a_gain_of_the_other_sign_makes_the_data_doubtful_and_is_kept() -> None:
+def test_a_gain_of_the_other_sign_makes_the_data_doubtful_and_is_kept():
     turned = [
         replace(r, reading_v=-r.reading_v) if r.experiment == "2-ccw" else r for r in calibration()
     ]
@@ -108,7 +103,7 @@ def test_a_gain_of_the_other_sign_makes_the_data_doubtful_and_is_kept() -> None:
     assert result.accepted is False
 
 
-def test_gains_that_cancel_in_pairs_have_no_relative_difference_of_direction() -> None:
+def test_gains_that_cancel_in_pairs_have_no_relative_difference_of_direction():
     rows = [
         r
         for place in range(3)
@@ -121,24 +116,24 @@ def test_gains_that_cancel_in_pairs_have_no_relative_difference_of_direction() -
     assert result.flags
 
 
-def test_a_bridge_wired_the_other_way_has_its_sign_in_both_equations() -> None:
+def test_a_bridge_wired_the_other_way_has_its_sign_in_both_equations():
     body = found(calibration(gains=(-6.5, -6.6, -6.7)))
     (equations,) = [t for t in tables(body) if t.title == "Equation both ways"]
     assert all(row[1].split()[2][0] == row[2].split()[2][0] == "\u2212" for row in equations.rows)
 
 
-def test_rows_that_are_written_twice_are_noted() -> None:
+def test_rows_that_are_written_twice_are_noted():
     rows = calibration(noise=np.random.default_rng(3))
     (note,) = [n for n in found([*rows, rows[3]]).notes if n.name == "repeated-rows"]
     assert note.samples == 1
     assert f"reading {len(rows) + 1} is" in note.detail
 
 
-def test_readings_without_any_scatter_show_no_outlier() -> None:
+def test_readings_without_any_scatter_show_no_outlier():
     assert found(calibration(gains=(6.6, 6.6, 6.6, 6.6))).to_json()["outliers"] == []
 
 
-def test_a_wide_loop_that_scales_with_the_gain_is_no_reason_to_flag_a_reading() -> None:
+def test_a_wide_loop_that_scales_with_the_gain_is_no_reason_to_flag_a_reading():
     flagged = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -150,7 +145,7 @@ def test_a_wide_loop_that_scales_with_the_gain_is_no_reason_to_flag_a_reading() 
     assert flagged <= stats.binom.ppf(0.999, 40, 0.0975)
 
 
-def test_a_step_that_one_position_alone_has_is_without_reproducibility_there() -> None:
+def test_a_step_that_one_position_alone_has_is_without_reproducibility_there():
     rows = calibration(gains=(6.5, 6.6, 6.7))
     rows += experiment("3-cw", 6.55, position=4.5, steps=(0.0, 10.0, 20.0, 25.0, 30.0, 40.0))
     steps = [s for s in found(rows).to_json()["steps"] if s["direction"] == "cw"]
@@ -164,14 +159,14 @@ def test_a_step_that_one_position_alone_has_is_without_reproducibility_there() -
     assert steps[0]["increasing"]["dof"] == pytest.approx(3.0, rel=1e-3)
 
 
-def test_a_series_of_another_mounting_is_no_repetition() -> None:
+def test_a_series_of_another_mounting_is_no_repetition():
     rows = [r for name, gain in (("a", 6.6), ("b", 6.7)) for r in experiment(name, gain)]
     names = tuple("0" if r.experiment == "a" else "1" for r in rows)
     assert all(step.repeatability_v is not None for step in found(rows).steps)
     assert all(step.repeatability_v is None for step in found(rows, mounting=names).steps)
 
 
-def test_a_row_with_a_mass_and_no_torque_is_a_mass(tmp_path: Path) -> None:
+def test_a_row_with_a_mass_and_no_torque_is_a_mass(tmp_path):
     path = tmp_path / "loads.csv"
     path.write_text(
         "experiment,position_rad,range,direction,series,torque_nm,mass_kg,reading_v\n"
@@ -189,12 +184,12 @@ def test_a_row_with_a_mass_and_no_torque_is_a_mass(tmp_path: Path) -> None:
         read_loads(path, ARM)
 
 
-def test_a_torque_beyond_any_machine_is_refused_with_its_experiment() -> None:
+def test_a_torque_beyond_any_machine_is_refused_with_its_experiment():
     rows = [replace(r, torque_nm=1e200 * r.torque_nm) for r in experiment("a", 6.6)]
     with pytest.raises(DataError, match="experiment a holds"):
         found(rows)
 
 
-def test_a_record_that_is_not_accepted_names_the_limit() -> None:
+def test_a_record_that_is_not_accepted_names_the_limit():
     body = found(calibration(gains=(6.0, 6.6, 7.2)))
     assert verdict(body).text.endswith("; not held: consistency.")

@@ -1,11 +1,22 @@
-"""A published synthetic calibration: four series in three positions, 40 N m, readings to 1 mV."""
+"""Calibrations for the tests: a published synthetic one, a published torque arm, and drawn ones.
 
-from __future__ import annotations
+The worked example has four series in three positions, 40 N m, readings to 1 mV.
+"""
 
+import csv
 import math
+import os
+from pathlib import Path
 
+import numpy as np
+import pytest
+
+from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
 
+DATA = os.environ.get("HDBENCH_DATA")
+ARM = Path(DATA or "") / "unh_torque_arm_cal"
+needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 TORQUES = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0, 32.0, 24.0, 16.0, 8.0, 0.0)
 SERIES = {
     "1": (0.0, (0.013, 1.220, 2.432, 3.643, 4.857, 6.073, 4.876, 3.671, 2.460, 1.241, 0.016)),
@@ -35,3 +46,36 @@ def worked_loads(direction: str = "cw") -> Loads:
                 for branch in branches
             ]
     return Loads(tuple(readings))
+
+
+def torque_arm(*series: str) -> Loads:
+    """Return the published readings of a torque arm."""
+    readings = []
+    for direction in series:
+        with (ARM / f"torque_arm_{direction}.csv").open(newline="") as file:
+            for row in csv.DictReader(file):
+                volts, torque = float(row["mean_volts_per_volt"]), float(row["mean_torque"])
+                branch = "up" if direction == "ascending" else "down"
+                readings.append(LoadReading("arm", 0.0, "full", "cw", branch, torque, volts))
+    return Loads(tuple(readings), source="torque_arm")
+
+
+def masses(positions: int = 4, **more: object) -> Loads:
+    """Return loads by mass on the arm of the built-in profile, gains 1 % apart."""
+    arm = load_profile("cim-tr-97-06").data.arm
+    rng = np.random.default_rng(6)
+    rows = []
+    for place in range(positions):
+        gain = 6.6 * (1.0 + 0.01 * rng.normal())
+        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
+            for series, order in (("up", (0, 2, 4, 6, 8)), ("down", (8, 6, 4, 2, 0))):
+                for kilograms in order:
+                    torque = sign * kilograms * arm.gravity_m_s2 * arm.length_m
+                    rows.append(
+                        LoadReading(
+                            f"{place}{way}", place * 1.5, "full", way, series, torque,
+                            torque / gain + 1e-4 * rng.normal(), mass_kg=float(kilograms),
+                            time_s=60.0 * len(rows), **more,
+                        )
+                    )  # fmt: skip
+    return Loads(tuple(rows))

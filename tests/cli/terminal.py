@@ -1,7 +1,5 @@
 """A person at a pseudo-terminal: reads what is shown, presses keys."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

@@ -1,22 +1,17 @@
 """A person calibrates on a terminal: keys, mistakes, quitting, kills, resuming."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from terminal import RUN, Person
 
 from hdbench.records import resolve_input, verify_run
 from hdbench.session.calibrating.conversation import LiveReading
 from hdbench_cli.asking.conversation import live_line
-
-sys.path.insert(0, str(Path(__file__).parent))
-from terminal import RUN, Person
 
 
 @pytest.fixture
@@ -56,7 +51,7 @@ def loads(out: Path) -> list[str]:
     return [row[rows[0].index("mass_kg")] for row in rows[1:]]
 
 
-def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench: str, out: Path) -> None:
+def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench, out):
     person = calibrate(bench, out)
     set_up(person)
     person.answer(r"\[3 of 6\].*Hang 0.5 kg", "1\n")
@@ -103,9 +98,7 @@ def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench: str, out
     ]
 
 
-def test_a_plain_terminal_gets_plain_lines_and_wrong_keys_harm_nothing(
-    bench: str, out: Path
-) -> None:
+def test_a_plain_terminal_gets_plain_lines_and_wrong_keys_harm_nothing(bench, out):
     person = calibrate(bench, out, term="dumb")
     person.answer("Lock the wave generator", "xb\x1b[A\t7")
     person.wait_for("no such answer here.*Enter: locked; q: save and quit")
@@ -120,7 +113,7 @@ def test_a_plain_terminal_gets_plain_lines_and_wrong_keys_harm_nothing(
     assert "\x1b" not in person.raw
 
 
-def test_ctrl_c_at_a_prompt_keeps_the_run_however_often(bench: str, out: Path) -> None:
+def test_ctrl_c_at_a_prompt_keeps_the_run_however_often(bench, out):
     person = calibrate(bench, out)
     set_up(person)
     person.wait_for(r"\[3 of 6\].*\n  > ")
@@ -132,7 +125,7 @@ def test_ctrl_c_at_a_prompt_keeps_the_run_however_often(bench: str, out: Path) -
     assert verify_run(path).readings_in_journal == 1
 
 
-def test_a_terminal_that_is_closed_keeps_the_run(bench: str, out: Path) -> None:
+def test_a_terminal_that_is_closed_keeps_the_run(bench, out):
     person = calibrate(bench, out)
     set_up(person)
     person.wait_for(r"\[3 of 6\].*\n  > ")
@@ -142,7 +135,7 @@ def test_a_terminal_that_is_closed_keeps_the_run(bench: str, out: Path) -> None:
     assert verify_run(path).status == "incomplete"
 
 
-def test_the_end_of_piped_answers_keeps_the_run(bench: str, out: Path) -> None:
+def test_the_end_of_piped_answers_keeps_the_run(bench, out):
     done = subprocess.run(
         [*RUN, "calibrate", "--profile", bench, "--out", str(out), "--no-report",
          "--operator", "person", "--json"],
@@ -158,7 +151,7 @@ def test_the_end_of_piped_answers_keeps_the_run(bench: str, out: Path) -> None:
     assert verify_run(path).readings_in_journal == 2
 
 
-def test_the_live_line_fits_a_small_terminal() -> None:
+def test_the_live_line_fits_a_small_terminal():
     live = LiveReading(
         "p4-ccw-full", -9.8765, -1234.5, 9.8765, -65.432, 0.5, 31.0, 29.0, 60.0, None
     )
@@ -168,7 +161,7 @@ def test_the_live_line_fits_a_small_terminal() -> None:
     assert "-9.8765 V -65.432 N m" in line
 
 
-def test_a_mistake_that_nobody_knows_is_refused_before_anything_is_made(out: Path, hdbench) -> None:
+def test_a_mistake_that_nobody_knows_is_refused_before_anything_is_made(out, hdbench):
     words = ("calibrate", "--no-input", "--out", out, "--operator-mistakes", "fall@3")
     assert "is no mistake" in hdbench(*words, code=2)[1]
     assert not out.exists()

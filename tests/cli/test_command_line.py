@@ -1,7 +1,5 @@
 """Exit codes, JSON and colours of the command line; `--help` imports nothing heavy."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -26,7 +24,7 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(words, code, out, err)
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy():
     code = (
         "import sys\n"
         "from hdbench_cli.main import main\n"
@@ -44,7 +42,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert "run-ripple" in done.stdout
 
 
-def test_json_may_stand_first_and_a_file_that_is_no_trace_is_one_object() -> None:
+def test_json_may_stand_first_and_a_file_that_is_no_trace_is_one_object():
     done = run("--json", "filter", str(README), "--out", "x.csv")
     assert done.returncode == 4, done.stderr
     error = json.loads(done.stdout)["error"]
@@ -53,7 +51,7 @@ def test_json_may_stand_first_and_a_file_that_is_no_trace_is_one_object() -> Non
     assert "Traceback" not in done.stderr
 
 
-def test_a_bug_gives_exit_1_and_a_traceback_only_with_v(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bug_gives_exit_1_and_a_traceback_only_with_v(monkeypatch):
     def broken(*_arguments: object, **_named: object) -> None:
         raise RuntimeError("boom")
 
@@ -68,14 +66,14 @@ def test_a_bug_gives_exit_1_and_a_traceback_only_with_v(monkeypatch: pytest.Monk
         assert ("Traceback" in err) is shown
 
 
-def test_version_with_v_names_the_kernel() -> None:
+def test_version_with_v_names_the_kernel():
     done = run("--version", "-v")
     assert done.returncode == 0
     assert "kernel" in done.stdout
     assert run("--version").stdout.startswith("hdbench ")
 
 
-def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path: Path) -> None:
+def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path):
     done = run("run-ripple", "--dry-run", "--json", "--out", str(tmp_path / "runs"))
     assert done.returncode == 0, done.stderr
     body = json.loads(done.stdout)
@@ -84,7 +82,7 @@ def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path: Pat
     assert not (tmp_path / "runs").exists()
 
 
-def test_json_without_a_command_is_a_wrong_use_and_one_object() -> None:
+def test_json_without_a_command_is_a_wrong_use_and_one_object():
     done = run("--json")
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["kind"] == "usage"
@@ -101,20 +99,20 @@ def test_json_without_a_command_is_a_wrong_use_and_one_object() -> None:
         (["run-ripple", "--dry-run"], "plan"),
     ],
 )
-def test_every_result_says_what_it_is_and_who_made_it(arguments: list[str], kind: str) -> None:
+def test_every_result_says_what_it_is_and_who_made_it(arguments, kind):
     body = json.loads(run(*arguments, "--json").stdout)
     assert body["schema"] == f"hdbench/{kind}/1"
     assert body["hdbench_version"]
     assert body["profile"] is None or {"name", "sha256"} <= set(body["profile"])
 
 
-def test_listing_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+def test_listing_a_folder_that_is_not_there_is_an_error(tmp_path):
     done = run("runs", "list", str(tmp_path / "nowhere"))
     assert done.returncode == 4
     assert "nowhere" in done.stderr
 
 
-def test_no_color_gives_plain_text_even_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_color_gives_plain_text_even_on_a_terminal(monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
     console = Output.console()
@@ -130,9 +128,7 @@ def test_no_color_gives_plain_text_even_on_a_terminal(monkeypatch: pytest.Monkey
         (1.1, 6, "sign of the other direction (experiments 0.0-ccw, 0.5-ccw)"),
     ],
 )
-def test_torques_against_their_direction_are_doubtful_and_not_a_bug(
-    tmp_path: Path, scale: float, code: int, said: str
-) -> None:
+def test_torques_against_their_direction_are_doubtful_and_not_a_bug(tmp_path, scale, code, said):
     rows = ["experiment,position_rad,range,direction,series,torque_nm,reading_v"]
     for position in (0.0, 0.5):
         for direction, sign in (("cw", 1.0), ("ccw", -scale)):
@@ -150,7 +146,7 @@ def test_torques_against_their_direction_are_doubtful_and_not_a_bug(
 
 
 @pytest.mark.parametrize(("count", "words"), [(1, "1 problem in a.toml"), (2, "2 problems in")])
-def test_problems_are_counted_in_plain_english(count, words, capsys) -> None:
+def test_problems_are_counted_in_plain_english(count, words, capsys):
     problem = HdbenchError("found 1", where="a.toml:3", fix="give 2")
     Output().error(HdbenchError("bad", where="a.toml", fix="mend", problems=(problem,) * count))
     told = capsys.readouterr().err

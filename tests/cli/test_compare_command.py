@@ -1,7 +1,5 @@
 """`hdbench runs compare` answers on the screen, as JSON, CSV and page, and by its exit code."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -38,7 +36,7 @@ def two(tmp_path: Path) -> tuple[Path, Path]:
     return result(tmp_path / "before.json", 5.0), result(tmp_path / "after.json", 0.9)
 
 
-def test_the_answer_fits_one_screen_and_comes_first(two, hdbench) -> None:
+def test_the_answer_fits_one_screen_and_comes_first(two, hdbench):
     shown, _ = hdbench("runs", "compare", *two)
     lines = shown.splitlines()
     assert lines[0].startswith("MOVED  misalignment, peak to peak: 10 to 1.8 N m")
@@ -46,7 +44,7 @@ def test_the_answer_fits_one_screen_and_comes_first(two, hdbench) -> None:
     assert "a result file alone does not tell" in shown
 
 
-def test_check_exits_3_where_something_moved_and_0_where_nothing_did(two, hdbench) -> None:
+def test_check_exits_3_where_something_moved_and_0_where_nothing_did(two, hdbench):
     hdbench("runs", "compare", *two, "--check", code=3)
     hdbench("runs", "compare", two[0], two[0], "--check")
     body = json.loads(hdbench("runs", "compare", *two, "--check", "--json", code=3)[0])
@@ -54,7 +52,7 @@ def test_check_exits_3_where_something_moved_and_0_where_nothing_did(two, hdbenc
     assert body["verdict"] == "moved"
 
 
-def test_two_kinds_and_a_missing_file_exit_4(two, tmp_path: Path, hdbench) -> None:
+def test_two_kinds_and_a_missing_file_exit_4(two, tmp_path, hdbench):
     other = tmp_path / "other.json"
     ripple = json.loads((STORED.parents[1] / "ripple" / "expected.json").read_text())["result"]
     other.write_text(dumps(ripple))
@@ -63,7 +61,7 @@ def test_two_kinds_and_a_missing_file_exit_4(two, tmp_path: Path, hdbench) -> No
     hdbench("runs", "compare", two[0], tmp_path / "none.json", code=4)
 
 
-def test_the_page_stands_alone_and_escapes_what_it_shows(two, tmp_path: Path, hdbench) -> None:
+def test_the_page_stands_alone_and_escapes_what_it_shows(two, tmp_path, hdbench):
     page, table = tmp_path / "sub" / "c.html", tmp_path / "c.csv"
     hdbench("runs", "compare", *two, "--html", page, "--csv", table)
     text = page.read_text()

@@ -1,7 +1,5 @@
 """A shell completes commands, options and names, and its script is valid in that shell."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -28,7 +26,7 @@ def completed(hdbench, monkeypatch):
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_is_one_that_its_shell_reads(shell: str, hdbench) -> None:
+def test_the_script_is_one_that_its_shell_reads(shell, hdbench):
     script, said = hdbench("completion", shell)
     assert "_HDBENCH_COMPLETE" in script
     assert "to install it" in said
@@ -39,23 +37,23 @@ def test_the_script_is_one_that_its_shell_reads(shell: str, hdbench) -> None:
         assert check.returncode == 0, check.stderr
 
 
-def test_commands_and_options_are_completed(completed) -> None:
+def test_commands_and_options_are_completed(completed):
     assert completed("hdbench run-") == {"run-misalignment", "run-ripple"}
     assert {"list", "show", "verify"} <= completed("hdbench runs ")
     assert "--materiality" in completed("hdbench diagnose --m")
 
 
-def test_names_of_profiles_plants_and_filters_are_completed(completed) -> None:
+def test_names_of_profiles_plants_and_filters_are_completed(completed):
     assert set(list_profiles()) <= completed("hdbench run-ripple --profile ")
     assert "worn" in completed("hdbench run-ripple --plant w")
     assert {*PRESETS, "tuned"} <= completed("hdbench filter x.csv --model ")
 
 
-def test_the_script_comes_as_json_too(hdbench) -> None:
+def test_the_script_comes_as_json_too(hdbench):
     body = json.loads(hdbench("completion", "fish", "--json")[0])
     assert body["schema"] == "hdbench/completion/1"
     assert "complete" in body["script"]
 
 
-def test_another_shell_is_refused_with_the_known_ones(hdbench) -> None:
+def test_another_shell_is_refused_with_the_known_ones(hdbench):
     assert "bash" in hdbench("completion", "csh", code=2)[1]

@@ -1,7 +1,5 @@
 """`hdbench filter` from the command line's point of view."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """`hdbench gauge` draws the film and tells what a misplaced rosette does."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -10,7 +8,7 @@ from pathlib import Path
 import pytest
 
 
-def test_the_film_of_the_report_has_its_46_mm(tmp_path: Path, hdbench) -> None:
+def test_the_film_of_the_report_has_its_46_mm(tmp_path, hdbench):
     out = tmp_path / "sub" / "film.pdf"
     body = json.loads(hdbench("gauge", "film", "--out", out, "--json")[0])
     assert body["schema"] == "hdbench/gauge-film/1"
@@ -19,14 +17,14 @@ def test_the_film_of_the_report_has_its_46_mm(tmp_path: Path, hdbench) -> None:
     assert Path(body["files"]["svg"]).read_bytes().startswith(b"<?xml")
 
 
-def test_an_unmeasured_boss_is_told(tmp_path: Path, hdbench) -> None:
+def test_an_unmeasured_boss_is_told(tmp_path, hdbench):
     _, told = hdbench("gauge", "film", "--out", tmp_path / "f.pdf")
     assert "boss not given" in told
     _, silent = hdbench("gauge", "film", "--boss", "21", "--out", tmp_path / "f.pdf")
     assert "boss" not in silent
 
 
-def test_sizes_that_do_not_fit_exit_2_and_write_nothing(tmp_path: Path, hdbench) -> None:
+def test_sizes_that_do_not_fit_exit_2_and_write_nothing(tmp_path, hdbench):
     out = tmp_path / "f.pdf"
     _, told = hdbench("gauge", "film", "--diameter", "nan", "--out", out, code=2)
     assert "--diameter" in told
@@ -34,7 +32,7 @@ def test_sizes_that_do_not_fit_exit_2_and_write_nothing(tmp_path: Path, hdbench)
     assert not out.exists()
 
 
-def test_one_degree_is_told_in_newton_metres(tmp_path: Path, hdbench) -> None:
+def test_one_degree_is_told_in_newton_metres(tmp_path, hdbench):
     table = tmp_path / "errors.csv"
     shown = hdbench(
         "gauge", "errors", "--circumferential", "1", "--draws", "500", "--csv", table, "--json"
@@ -58,7 +56,7 @@ def test_one_degree_is_told_in_newton_metres(tmp_path: Path, hdbench) -> None:
     ) == pytest.approx(row["effects"]["ripple_2_nm"], rel=1e-12)
 
 
-def test_the_table_says_why_order_4_stays(hdbench) -> None:
+def test_the_table_says_why_order_4_stays(hdbench):
     shown, _ = hdbench("gauge", "errors", "--draws", "100")
     assert "order 2: 13.2 N m uncancelled" in shown
     assert "they cancel" in shown

@@ -1,12 +1,9 @@
 """The live view shows what the frames say, fits the screen, and never holds up a run."""
 
-from __future__ import annotations
-
 import io
 import math
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,26 +50,25 @@ def history(frames: list[Frame], seconds_each: float = 0.1) -> History:
 
 
 def drawn(found: History, width: int) -> list[str]:
-    console = Console(width=width, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(width=width, record=True, file=io.StringIO())
     console.print(picture(found, PROFILE, ("ripple on bench: run", "12 GB"), width))
-    console.file.close()
     return console.export_text().splitlines()
 
 
-def test_rate_and_time_left_follow_the_wall_clock() -> None:
+def test_rate_and_time_left_follow_the_wall_clock():
     # 100 samples of 1 ms each in 0.2 s of wall time: half pace
     found = history([frame(100 * k) for k in range(20)], 0.2)
     assert found.rate_hz() == pytest.approx(500.0)
     assert found.eta_s() == pytest.approx((10.0 - 2.0) * 2.0)
 
 
-def test_before_the_second_frame_neither_is_known() -> None:
+def test_before_the_second_frame_neither_is_known():
     found = history([frame()])
     assert math.isnan(found.rate_hz())
     assert math.isnan(found.eta_s())
 
 
-def test_a_curve_holds_the_means_of_its_span_and_nan_before_it() -> None:
+def test_a_curve_holds_the_means_of_its_span_and_nan_before_it():
     found = history([frame(100 * k, speed=float(k)) for k in range(10)])
     (velocity,) = [curve for curve in CURVES if curve.label == "velocity"]
     # 20 s in 200 parts of 0.1 s: the last ten hold one frame each
@@ -84,13 +80,13 @@ def test_a_curve_holds_the_means_of_its_span_and_nan_before_it() -> None:
     np.testing.assert_allclose(command[-9:], curve[-9:])
 
 
-def test_only_the_last_seconds_are_kept() -> None:
+def test_only_the_last_seconds_are_kept():
     found = history([frame(1000 * k, 1000) for k in range(100)])
     assert len(found.columns["time_s"]) <= 45_000
 
 
 @pytest.mark.parametrize("width", [40, 80, 132])
-def test_the_picture_fits_the_screen_and_tells_the_numbers(width: int) -> None:
+def test_the_picture_fits_the_screen_and_tells_the_numbers(width):
     found = history([frame(100 * k, lost=7) for k in range(30)])
     lines = drawn(found, width)
     assert len(lines) <= 23
@@ -103,7 +99,7 @@ def test_the_picture_fits_the_screen_and_tells_the_numbers(width: int) -> None:
     assert "0.800" in text
 
 
-def test_a_narrow_screen_breaks_no_line_and_keeps_every_count() -> None:
+def test_a_narrow_screen_breaks_no_line_and_keeps_every_count():
     found = history([frame(100 * k, lost=7) for k in range(30)])
     lines = drawn(found, 40)
     for word in ("samples/s", "lost 7", "saturated", "retries", "waiting", "disk 12 GB"):
@@ -113,9 +109,7 @@ def test_a_narrow_screen_breaks_no_line_and_keeps_every_count() -> None:
     assert any(line.startswith("velocity") and line.rstrip().endswith("%") for line in lines)
 
 
-def test_curves_are_drawn_in_blocks_while_a_display_stands_for_stderr(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_curves_are_drawn_in_blocks_while_a_display_stands_for_stderr(monkeypatch):
     class Terminal(io.StringIO):
         encoding = "utf-8"
 
@@ -133,20 +127,20 @@ def test_curves_are_drawn_in_blocks_while_a_display_stands_for_stderr(
     assert "▇" in terminal.getvalue()
 
 
-def test_a_speed_above_its_limit_is_told_in_per_cent() -> None:
+def test_a_speed_above_its_limit_is_told_in_per_cent():
     speed = 1.25 * PROFILE.data.limits.velocity_rad_s
     text = "\n".join(drawn(history([frame(speed=speed)]), 80))
     assert "125 % limit" in text
 
 
-def test_what_is_lost_is_no_number_in_the_picture() -> None:
+def test_what_is_lost_is_no_number_in_the_picture():
     bad = frame()
     bad.columns["torque_nm"][:] = math.nan
     text = "\n".join(drawn(history([bad]), 80))
     assert "nan" not in text.lower()
 
 
-def test_a_full_queue_drops_the_oldest_frames_and_never_waits() -> None:
+def test_a_full_queue_drops_the_oldest_frames_and_never_waits():
     queue = FrameQueue(size=4)
     for k in range(10):
         queue.put(frame(100 * k))
@@ -155,9 +149,7 @@ def test_a_full_queue_drops_the_oldest_frames_and_never_waits() -> None:
     assert queue.take() == []
 
 
-def test_a_view_whose_screen_hangs_takes_no_time_of_the_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_view_whose_screen_hangs_takes_no_time_of_the_run(tmp_path, monkeypatch):
     drawing, stuck = threading.Event(), threading.Event()
     view = LiveView("ripple", PROFILE, tmp_path, pretty=True)
     monkeypatch.setattr(LiveView, "_draw", lambda _self: drawing.set() or stuck.wait())
@@ -175,5 +167,5 @@ def test_a_view_whose_screen_hangs_takes_no_time_of_the_run(
     assert view.queue.dropped > 0
 
 
-def test_space_left_is_told_for_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:
+def test_space_left_is_told_for_a_folder_that_is_not_there_yet(tmp_path):
     assert free_space(tmp_path / "runs" / "later").split()[1] in {"kB", "MB", "GB", "TB"}

@@ -1,7 +1,5 @@
 """Mistakes of a newcomer: the message says what, where and how to mend it; the exit code fits."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -17,6 +15,7 @@ import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from swinging_shaft import BENCH, record
 
 from hdbench_cli import main as main_module
 from hdbench_cli import options
@@ -61,17 +60,13 @@ def ask(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     return call
 
 
-def columns(n: int = 6000) -> dict[str, np.ndarray]:
-    """Return a trace in closed form: speed to and fro, ripple of orders 2 and 4, some noise."""
-    time = np.arange(n) / 500.0
-    angular = 2.0 * np.pi / 4.0
-    velocity = 100.0 * np.sin(angular * time)
-    angle = 100.0 / angular * (1.0 - np.cos(angular * time))
-    # load inertia over gear ratio times motor acceleration
-    inertia = 0.01725 / 100.0 * 100.0 * angular * np.cos(angular * time)
-    ripple = 0.4 * np.cos(2.0 * angle + 0.6) + 0.2 * np.cos(4.0 * angle - 1.1)
-    noise = np.random.default_rng(7).normal(0.0, 0.02, n)
-    return dict(zip(NAMES, (time, velocity, ripple + inertia + noise), strict=True))
+def columns(n: int = 3000) -> dict[str, np.ndarray]:
+    """Return the columns of a speed to and fro, its ripple and some noise."""
+    ripple = BENCH[:2]
+    trace = record(
+        motion=(0.0, 100.0, 4.0), ripple=ripple, n=n, period_s=2e-3, noise_nm=0.02, seed=7
+    )
+    return {name: trace[name] for name in NAMES}
 
 
 def write(file: Path, data: dict[str, np.ndarray], *, sep: str = ",", mark: str = "") -> Path:
@@ -90,7 +85,7 @@ def write(file: Path, data: dict[str, np.ndarray], *, sep: str = ",", mark: str 
         (("monitor", "--address", "rtu:///dev/ttyNONE", "--duration", "1"), 5, "hdbench devices"),
     ],
 )
-def test_an_address_where_nothing_is(ask: Ask, words: tuple[str, ...], code: int, fix: str) -> None:
+def test_an_address_where_nothing_is(ask, words, code, fix):
     told = ask(*words)
     assert told.code == code
     assert fix in told.fix
@@ -121,7 +116,7 @@ def run(folder: Path, *words: object, before: tuple[str, ...] = (), **limits: in
     return Told(done.returncode, error["kind"], error["what"], error["where"], error["fix"])
 
 
-def test_no_right_to_write(tmp_path: Path) -> None:
+def test_no_right_to_write(tmp_path):
     trace = write(tmp_path / "trace.csv", columns(600))
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o555)
@@ -133,7 +128,7 @@ def test_no_right_to_write(tmp_path: Path) -> None:
     assert "write to" in told.fix
 
 
-def test_a_disk_that_takes_no_more(tmp_path: Path) -> None:
+def test_a_disk_that_takes_no_more(tmp_path):
     trace = write(tmp_path / "trace.csv", columns(600))
     words = ("filter", trace, "--model", "report-6", "--out", tmp_path / "out.csv")
     told = run(tmp_path, *words, file=4096)
@@ -146,9 +141,7 @@ def test_a_disk_that_takes_no_more(tmp_path: Path) -> None:
     ("words", "code"),
     [(("run-ripple", "--no-report", "--from"), 4), (("filter", "--model", "report-6"), 6)],
 )
-def test_swapped_columns_are_doubted(
-    ask: Ask, tmp_path: Path, words: tuple[str, ...], code: int
-) -> None:
+def test_swapped_columns_are_doubted(ask, tmp_path, words, code):
     data = columns()
     velocity, torque = data["motor_velocity_rad_s"], data["torque_nm"]
     swapped = {**data, "motor_velocity_rad_s": torque, "torque_nm": velocity}
@@ -163,9 +156,7 @@ def test_swapped_columns_are_doubted(
     ("column", "factor", "word"),
     [("motor_velocity_rad_s", 30.0 / np.pi, "rad/s"), ("torque_nm", 1000.0, "mN m")],
 )
-def test_a_wrong_unit_is_doubted(
-    ask: Ask, tmp_path: Path, column: str, factor: float, word: str
-) -> None:
+def test_a_wrong_unit_is_doubted(ask, tmp_path, column, factor, word):
     data = columns()
     file = write(tmp_path / "unit.csv", {**data, column: factor * data[column]})
     told = ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
@@ -177,9 +168,7 @@ def test_a_wrong_unit_is_doubted(
     "words",
     [("run-ripple", "--no-report", "--from"), ("filter", "--model", "report-6"), ("diagnose",)],
 )
-def test_a_time_in_milliseconds_is_doubted_by_every_command(
-    ask: Ask, tmp_path: Path, words: tuple[str, ...]
-) -> None:
+def test_a_time_in_milliseconds_is_doubted_by_every_command(ask, tmp_path, words):
     data = columns()
     file = write(tmp_path / "ms.csv", {**data, "time_s": 1000.0 * data["time_s"]})
     out = tmp_path / ("x.csv" if words[0] == "filter" else "runs")
@@ -189,14 +178,14 @@ def test_a_time_in_milliseconds_is_doubted_by_every_command(
     assert "ms" in told.what or "wrong-channel" in told.what
 
 
-def test_the_same_trace_in_its_own_units_is_not_doubted(ask: Ask, tmp_path: Path) -> None:
+def test_the_same_trace_in_its_own_units_is_not_doubted(ask, tmp_path):
     file = write(tmp_path / "right.csv", columns())
     run_it = ("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
     filter_it = ("filter", file, "--model", "report-6", "--out", tmp_path / "y.csv")
     assert [ask(*words).code for words in (run_it, filter_it)] == [0, 0]
 
 
-def test_a_calibration_that_is_not_there(ask: Ask, tmp_path: Path) -> None:
+def test_a_calibration_that_is_not_there(ask, tmp_path):
     told = ask("run-ripple", "--yes", "--calibration", tmp_path / "gone")
     assert told.code == 4
     assert "runs list" in told.fix
@@ -206,7 +195,7 @@ def test_a_calibration_that_is_not_there(ask: Ask, tmp_path: Path) -> None:
     assert "hdbench calibrate" in told.fix
 
 
-def test_a_slip_in_a_key_is_told_with_its_line(ask: Ask, tmp_path: Path) -> None:
+def test_a_slip_in_a_key_is_told_with_its_line(ask, tmp_path):
     file = tmp_path / "bench.toml"
     ask("profile", "new", "bench", "--out", file)
     text = file.read_text().replace("gear_ratio", "gear_ratoi", 1)
@@ -232,17 +221,13 @@ def test_a_slip_in_a_key_is_told_with_its_line(ask: Ask, tmp_path: Path) -> None
         (("plan", "--cause", "misalignmnt", "--no-loads"), 4, "misalignment"),
     ],
 )
-def test_the_name_that_was_meant_is_told(
-    ask: Ask, words: tuple[str, ...], code: int, meant: str
-) -> None:
+def test_the_name_that_was_meant_is_told(ask, words, code, meant):
     told = ask(*words)
     assert told.code == code
     assert f"'{meant}'" in told.what + told.fix or f"`{meant}`" in told.fix
 
 
-def test_decimal_commas_and_a_spreadsheets_mark_lead_to_the_import(
-    ask: Ask, tmp_path: Path
-) -> None:
+def test_decimal_commas_and_a_spreadsheets_mark_lead_to_the_import(ask, tmp_path):
     data = columns(600)
     for name, mark in (("comma.csv", ""), ("sheet.csv", "\ufeff")):
         file = write(tmp_path / name, data, sep=";", mark=mark)
@@ -268,9 +253,7 @@ def evaluated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return run, told.rstrip().splitlines()[-1]
 
 
-def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(
-    ask: Ask, evaluated: tuple[Path, str], tmp_path: Path
-) -> None:
+def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(ask, evaluated, tmp_path):
     moved = shutil.copytree(evaluated[0], tmp_path / "elsewhere" / "renamed")
     assert ask("runs", "verify", moved).code == 0
     (moved / "run.json").unlink()
@@ -281,10 +264,8 @@ def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(
 
 
 def test_a_listed_run_can_be_named_as_it_is_listed_and_tells_the_next_command(
-    evaluated: tuple[Path, str],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    evaluated, capsys, monkeypatch
+):
     run, last = evaluated
     assert last.startswith("next    hdbench diagnose ")
     monkeypatch.chdir(run.parents[1])
@@ -296,9 +277,7 @@ def test_a_listed_run_can_be_named_as_it_is_listed_and_tells_the_next_command(
     assert shown.rstrip().splitlines()[-1] == f"next    hdbench diagnose '{listed}'"
 
 
-def test_an_empty_list_of_runs_says_where_it_looked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_empty_list_of_runs_says_where_it_looked(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main_module._run(["runs", "list"], Output()) == 0
     told = capsys.readouterr().out
@@ -306,7 +285,7 @@ def test_an_empty_list_of_runs_says_where_it_looked(
     assert "hdbench demo" in told
 
 
-def test_a_file_where_a_folder_has_to_be_is_told_as_such(ask: Ask, tmp_path: Path) -> None:
+def test_a_file_where_a_folder_has_to_be_is_told_as_such(ask, tmp_path):
     file = write(tmp_path / "trace.csv", columns(600))
     told = ask("report", file, "--out", file)
     assert told.code == 7
@@ -336,7 +315,7 @@ COMMANDS = list(leaves(main_module.cli))
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
-def test_an_unknown_option_is_one_json_object_with_a_fix(ask: Ask, path: tuple[str, ...]) -> None:
+def test_an_unknown_option_is_one_json_object_with_a_fix(ask, path):
     told = ask(*path, "--no-such-option")
     assert (told.code, told.kind) == (2, "usage")
     assert told.where == " ".join(("hdbench", *path))
@@ -356,9 +335,7 @@ TAKING_FILES = [
 
 
 @pytest.mark.parametrize("path", TAKING_FILES, ids=" ".join)
-def test_a_missing_file_is_one_json_object_with_a_fix(
-    ask: Ask, path: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_missing_file_is_one_json_object_with_a_fix(ask, path, tmp_path):
     needed = []
     for param in command_of(path).params:
         if isinstance(param, click.Option) and param.required:
@@ -373,9 +350,7 @@ def test_a_missing_file_is_one_json_object_with_a_fix(
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
-def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_help(
-    path: tuple[str, ...],
-) -> None:
+def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_help(path):
     command = command_of(path)
     assert command.help
     told = command.get_help(click.Context(command, info_name=" ".join(("hdbench", *path))))
@@ -386,7 +361,7 @@ def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_h
     assert any("--json" in p.opts for p in options)
 
 
-def test_every_declared_option_is_taken_by_a_command() -> None:
+def test_every_declared_option_is_taken_by_a_command():
     table = options._table()
     taken = {" ".join(path): {p.name for p in command_of(path).params} for path in COMMANDS}
     assert set(table) == {"shared", *taken}
@@ -396,7 +371,7 @@ def test_every_declared_option_is_taken_by_a_command() -> None:
         assert {e.get("fills", key) for key, e in own if key != "example"} <= names, name
 
 
-def test_the_next_command_follows_the_work() -> None:
+def test_the_next_command_follows_the_work():
     folder = Path("runs/a b")
     assert after_run("calibration", folder, {"accepted": True}) == (
         "hdbench run-misalignment --calibration 'runs/a b'"
@@ -432,16 +407,14 @@ def test_the_next_command_follows_the_work() -> None:
         ("run-ripple", "--from", "{}"),
     ],
 )
-def test_every_command_says_alike_that_nothing_is_there(
-    ask: Ask, tmp_path: Path, words: tuple[str, ...]
-) -> None:
+def test_every_command_says_alike_that_nothing_is_there(ask, tmp_path, words):
     missing = str(tmp_path / "nothing.csv")
     told = ask(*(word.format(missing) for word in words))
     assert (told.code, told.what, told.where) == (4, "no such file or run", missing)
     assert "hdbench runs list" in told.fix
 
 
-def test_traces_are_written_as_csv_only(ask: Ask, tmp_path: Path) -> None:
+def test_traces_are_written_as_csv_only(ask, tmp_path):
     trace = tmp_path / "trace.csv"
     trace.write_text("time_s,motor_velocity_rad_s,torque_nm\n0,1,1\n0.001,1,1\n")
     told = ask("filter", trace, "--out", tmp_path / "clean.xlsx")
@@ -451,13 +424,13 @@ def test_traces_are_written_as_csv_only(ask: Ask, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("typed", ["0", "50,0", "fast", "nan", "50;156"])
-def test_response_needs_speeds_that_are_not_zero(ask: Ask, typed: str) -> None:
+def test_response_needs_speeds_that_are_not_zero(ask, typed):
     told = ask("response", "--model", "report-6", "--velocity", typed)
     assert told.code == 2
     assert "rad/s" in told.what
 
 
-def test_response_takes_several_speeds_in_one_word(capsys: pytest.CaptureFixture[str]) -> None:
+def test_response_takes_several_speeds_in_one_word(capsys):
     words = ["response", "--model", "report-6", "--velocity", "50,156", "--json"]
     assert main_module._run(words, Output(json=True)) == 0
     body = json.loads(capsys.readouterr().out)

@@ -1,7 +1,5 @@
 """The person at the bench is asked plainly, and a no is a no."""
 
-from __future__ import annotations
-
 import click
 import pytest
 from click.testing import CliRunner
@@ -22,7 +20,7 @@ def ask(call, answer: str) -> tuple[bool, str]:
 
 
 @pytest.mark.parametrize(("answer", "meant"), [("\n", True), ("y\n", True), ("n\n", False)])
-def test_a_weight_is_named_with_its_side_and_the_torque_to_expect(answer: str, meant: bool) -> None:
+def test_a_weight_is_named_with_its_side_and_the_torque_to_expect(answer, meant):
     operator = ConsoleOperator()
     told, text = ask(
         lambda: operator.hang(2.0, direction="ccw", expected_nm=-9.81, step="p1 2 of 9"), answer
@@ -31,7 +29,7 @@ def test_a_weight_is_named_with_its_side_and_the_torque_to_expect(answer: str, m
     assert "hang 2 kg on the ccw side (expect -9.81 N m)" in text
 
 
-def test_no_weight_means_take_it_off() -> None:
+def test_no_weight_means_take_it_off():
     operator = ConsoleOperator()
     told, text = ask(
         lambda: operator.hang(0.0, direction="cw", expected_nm=0.0, step="p1 1 of 9"), "\n"
@@ -40,7 +38,7 @@ def test_no_weight_means_take_it_off() -> None:
     assert "take all weights off" in text
 
 
-def test_confirmed_motion_is_not_asked_for_again_but_the_lock_is() -> None:
+def test_confirmed_motion_is_not_asked_for_again_but_the_lock_is():
     operator = ConsoleOperator(motion_confirmed=True)
     assert operator.confirm_motion("square reference for 2.0 s")
     assert operator.confirm_lock(locked=False)
@@ -49,7 +47,7 @@ def test_confirmed_motion_is_not_asked_for_again_but_the_lock_is() -> None:
     assert "Lock the wave generator" in text
 
 
-def test_a_position_is_asked_for_in_degrees() -> None:
+def test_a_position_is_asked_for_in_degrees():
     operator = ConsoleOperator()
     _, text = ask(lambda: operator.set_position(1.5707963, index=2, count=4), "\n")
     assert "position 2 of 4: 90.0 degrees" in text

@@ -1,14 +1,11 @@
 """`hdbench plan` says what a run tells apart and writes the run that does."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 from hdbench.diagnosis.planning import read_plan
 
 
-def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path: Path, hdbench) -> None:
+def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path, hdbench):
     out = tmp_path / "p.toml"
     done = hdbench(
         "plan", "--cause", "coulomb-friction", "--cause", "zero-step", "--no-loads",
@@ -24,7 +21,7 @@ def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path: Path, hdbenc
     assert dry["plan"]["motion"]["name"] == body["plan"]["name"]
 
 
-def test_inseparable_causes_get_no_plan_but_what_settles_them(tmp_path: Path, hdbench) -> None:
+def test_inseparable_causes_get_no_plan_but_what_settles_them(tmp_path, hdbench):
     words = ("plan", "--cause", "misalignment", "--cause", "load-gravity")
     shown = hdbench(*words)[0]
     assert "NOT told apart" in shown
@@ -35,7 +32,7 @@ def test_inseparable_causes_get_no_plan_but_what_settles_them(tmp_path: Path, hd
     assert not (tmp_path / "p.toml").exists()
 
 
-def test_one_screen_names_pairs_run_and_command(tmp_path: Path, hdbench) -> None:
+def test_one_screen_names_pairs_run_and_command(tmp_path, hdbench):
     out = tmp_path / "p.toml"
     words = ("--cause", "motor-unbalance", "--cause", "wave-generator-eccentricity")
     shown = hdbench("plan", *words, "--no-loads", "--out", out)[0]
@@ -45,7 +42,7 @@ def test_one_screen_names_pairs_run_and_command(tmp_path: Path, hdbench) -> None
     assert len(shown.splitlines()) <= 40
 
 
-def test_a_plan_with_loads_is_refused_without_a_person(tmp_path: Path, hdbench) -> None:
+def test_a_plan_with_loads_is_refused_without_a_person(tmp_path, hdbench):
     out = tmp_path / "p.toml"
     out.write_text(
         'schema = "hdbench/plan/1"\n[[segments]]\nkind = "load"\ntext = "hang 2 kg"\n'
@@ -58,7 +55,7 @@ def test_a_plan_with_loads_is_refused_without_a_person(tmp_path: Path, hdbench) 
     assert not (tmp_path / "runs").exists()
 
 
-def test_wrong_input_is_told_in_words(tmp_path: Path, hdbench) -> None:
+def test_wrong_input_is_told_in_words(tmp_path, hdbench):
     assert "nearest is" in hdbench("plan", "--cause", "ripple", code=4)[1]
     assert "needed: full" in hdbench("plan", "--cause", "coulomb-friction", "--protocol", "x",
                                      code=2)[1]  # fmt: skip
@@ -75,9 +72,7 @@ def test_wrong_input_is_told_in_words(tmp_path: Path, hdbench) -> None:
     assert "motor speed 900 rad/s is above 400" in done[1]
 
 
-def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(
-    tmp_path: Path, hdbench, named_cause
-) -> None:
+def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(tmp_path, hdbench, named_cause):
     place = {"value": 74.5, "std": None, "unit": "Hz"}
     order = {"value": 3.0, "std": None, "unit": "1"}
     cause = named_cause(

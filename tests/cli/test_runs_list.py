@@ -1,13 +1,12 @@
 """`hdbench runs list` and `runs note`: which runs there are, of which drive, with what noted."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 from pathlib import Path
 
 import pytest
+from runkit import write_run
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
@@ -80,24 +79,7 @@ def test_notes_are_kept_and_shown(runs, hdbench):
 
 def stored_run(folder: Path, kind: str, second: int) -> Path:
     run = folder / "runs" / f"20261121T1015{second:02d}Z-{kind}-3f9a1c"
-    run.mkdir(parents=True)
-    body = {
-        "schema": "hdbench/run/1",
-        "hdbench_version": "0",
-        "profile": {"name": "a", "sha256": "0"},
-        "run_id": run.name,
-        "kind": kind,
-        "status": "complete",
-        "started_utc": f"2026-11-21T10:15:{second:02d}Z",
-        "ended_utc": None,
-        "exit_reason": "",
-        "calibration": None,
-        "device": None,
-        "versions": {},
-        "files": {},
-        "details": {},
-    }
-    (run / "run.json").write_text(json.dumps(body))
+    write_run(run, kind, started_utc=f"2026-11-21T10:15:{second:02d}Z")
     return run.relative_to(folder)
 
 

@@ -1,7 +1,5 @@
 """Signals and kills, from outside: a run against a bench in another process."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -92,9 +90,7 @@ def manifest(out: Path) -> dict[str, object]:
     return json.loads(path.read_text())
 
 
-def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(
-    served: Served, tmp_path: Path
-) -> None:
+def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(served, tmp_path):
     out = tmp_path / "runs"
     process = start(served, out)
     wait_for(lambda: journal_size(out) > 20_000)
@@ -105,16 +101,14 @@ def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(
     run = manifest(out)
     assert run["status"] == "incomplete"
     assert "motor reference zero confirmed" in str(run["exit_reason"])
-    assert "trace.csv" in run["files"]  # type: ignore[operator]
+    assert "trace.csv" in run["files"]
 
 
 @pytest.mark.parametrize(
     "delay_s",
     [0.0, 0.4, *(pytest.param(late, marks=pytest.mark.campaign) for late in (0.15, 0.8, 1.2))],
 )
-def test_a_signal_in_any_phase_gives_no_traceback(
-    served: Served, tmp_path: Path, delay_s: float
-) -> None:
+def test_a_signal_in_any_phase_gives_no_traceback(served, tmp_path, delay_s):
     out = tmp_path / "runs"
     process = start(served, out)
     wait_for(lambda: any(out.glob("*/run.json")))
@@ -126,7 +120,7 @@ def test_a_signal_in_any_phase_gives_no_traceback(
     assert manifest(out)["status"] == "incomplete"
 
 
-def test_a_signal_during_a_calibration_keeps_the_readings(served: Served, tmp_path: Path) -> None:
+def test_a_signal_during_a_calibration_keeps_the_readings(served, tmp_path):
     out = tmp_path / "runs"
     process = start(served, out, "calibrate")
     # mounting, the bridge at rest and two readings
@@ -136,12 +130,10 @@ def test_a_signal_during_a_calibration_keeps_the_readings(served: Served, tmp_pa
     assert process.returncode == 143, stderr
     run = manifest(out)
     assert run["status"] == "incomplete"
-    assert "loads.csv" in run["files"]  # type: ignore[operator]
+    assert "loads.csv" in run["files"]
 
 
-def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(
-    tmp_path: Path, text: str
-) -> None:
+def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path, text):
     out = tmp_path / "runs"
     with serving(tmp_path, text) as bench:
         process = start(bench, out)
@@ -158,7 +150,7 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(
     assert (folder / "trace.csv").read_text().count("\n") > 100
 
 
-def test_a_second_run_on_the_same_bench_is_refused(served: Served, tmp_path: Path) -> None:
+def test_a_second_run_on_the_same_bench_is_refused(served, tmp_path):
     out = tmp_path / "runs"
     first = start(served, out)
     wait_for(lambda: journal_size(out) > 5_000)
@@ -170,7 +162,7 @@ def test_a_second_run_on_the_same_bench_is_refused(served: Served, tmp_path: Pat
     assert first.returncode == 130
 
 
-def test_a_bench_that_dies_ends_the_run_loudly(tmp_path: Path, text: str) -> None:
+def test_a_bench_that_dies_ends_the_run_loudly(tmp_path, text):
     out = tmp_path / "runs"
     with serving(tmp_path, text) as bench:
         process = start(bench, out)
@@ -183,7 +175,7 @@ def test_a_bench_that_dies_ends_the_run_loudly(tmp_path: Path, text: str) -> Non
     assert manifest(out)["status"] == "incomplete"
 
 
-def test_stop_stops_the_motor_of_another_run(served: Served, tmp_path: Path) -> None:
+def test_stop_stops_the_motor_of_another_run(served, tmp_path):
     out = tmp_path / "runs"
     running = start(served, out)
     wait_for(lambda: journal_size(out) > 20_000)

@@ -1,7 +1,5 @@
 """`hdbench import --kind staircase` finds plateaus, tells them, and calibrate takes the file."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -30,7 +28,7 @@ def words(raw: Path, out: Path, loads: str = "0,2,4,2,0") -> list[str | Path]:
     ]  # fmt: skip
 
 
-def test_the_plateaus_are_told_and_the_file_calibrates(hdbench, raw: Path, tmp_path: Path) -> None:
+def test_the_plateaus_are_told_and_the_file_calibrates(hdbench, raw, tmp_path):
     out = tmp_path / "loads.csv"
     text, _ = hdbench(*words(raw, out))
     assert "5 plateaus in 400 samples" in text
@@ -47,14 +45,12 @@ def test_the_plateaus_are_told_and_the_file_calibrates(hdbench, raw: Path, tmp_p
     assert result["course"]["excluded_at_s"] == [5.0, 20.0]
 
 
-def test_a_count_that_does_not_match_is_an_error_of_the_data(
-    hdbench, raw: Path, tmp_path: Path
-) -> None:
+def test_a_count_that_does_not_match_is_an_error_of_the_data(hdbench, raw, tmp_path):
     _, error = hdbench(*words(raw, tmp_path / "loads.csv", "0,2,4"), code=4)
     assert "found 5 plateaus for 3 loads" in error
     assert "--loads" in error
 
 
-def test_loads_that_are_no_numbers_are_wrong_usage(hdbench, raw: Path, tmp_path: Path) -> None:
+def test_loads_that_are_no_numbers_are_wrong_usage(hdbench, raw, tmp_path):
     _, error = hdbench(*words(raw, tmp_path / "loads.csv", "0,two,4"), code=2)
     assert "list of numbers" in error

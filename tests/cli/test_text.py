@@ -1,7 +1,5 @@
 """Numbers have as many digits as their uncertainty allows; a curve of characters has its shape."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -22,14 +20,14 @@ from hdbench_cli.text import (
         (-1.2, 0.999, None, "-1.20 +- 1.00 N m/V"),
     ],
 )
-def test_two_digits_of_the_uncertainty_are_told(value, std, dof, text) -> None:
+def test_two_digits_of_the_uncertainty_are_told(value, std, dof, text):
     assert with_uncertainty({"value": value, "std": std, "dof": dof}, "N m/V") == text
 
 
 @pytest.mark.parametrize(
     ("value", "text"), [(0.0, "below 1e-9"), (1e-30, "below 1e-9"), (0.00213, "0.0021")]
 )
-def test_no_false_alarm_is_called_impossible(value: float, text: str) -> None:
+def test_no_false_alarm_is_called_impossible(value, text):
     assert probability(value) == text
 
 

@@ -1,7 +1,5 @@
 """`hdbench tune`, `response`, `orders` and what `filter` adds, from the command line's side."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import json
@@ -207,9 +205,7 @@ def test_the_measured_file_is_never_written_over(trace, capsys):
     assert "belongs to the measured data" in capsys.readouterr().err
 
 
-def test_several_inputs_are_filtered_into_a_folder_and_told_in_one_object(
-    trace: Path, tmp_path: Path
-) -> None:
+def test_several_inputs_are_filtered_into_a_folder_and_told_in_one_object(trace, tmp_path):
     other = tmp_path / "other.csv.gz"
     other.write_bytes(gzip.compress(trace.read_bytes()))
     out = tmp_path / "clean"
@@ -236,9 +232,7 @@ def test_several_inputs_are_filtered_into_a_folder_and_told_in_one_object(
         ["{trace}", "{other}", "--out", "{folder}", "--compare", "--plot", "p.svg"],
     ],
 )
-def test_outputs_that_do_not_fit_several_inputs_are_refused(
-    trace: Path, tmp_path: Path, words: list[str]
-) -> None:
+def test_outputs_that_do_not_fit_several_inputs_are_refused(trace, tmp_path, words):
     other = tmp_path / "other.csv"
     other.write_bytes(trace.read_bytes())
     names = {"trace": trace, "other": other, "folder": tmp_path / "clean", "here": tmp_path}
@@ -246,7 +240,7 @@ def test_outputs_that_do_not_fit_several_inputs_are_refused(
     assert not (tmp_path / "clean").exists()
 
 
-def test_orders_of_several_inputs_come_as_a_list(trace: Path, tmp_path: Path) -> None:
+def test_orders_of_several_inputs_come_as_a_list(trace, tmp_path):
     other = tmp_path / "other.csv"
     other.write_bytes(trace.read_bytes())
     results = answer(
@@ -256,9 +250,7 @@ def test_orders_of_several_inputs_come_as_a_list(trace: Path, tmp_path: Path) ->
     assert sorted(p.name for p in (tmp_path / "waves").iterdir()) == ["other.csv", "trace.csv"]
 
 
-def test_saturated_and_stuck_samples_make_the_filtered_trace_doubtful(
-    trace: Path, tmp_path: Path
-) -> None:
+def test_saturated_and_stuck_samples_make_the_filtered_trace_doubtful(trace, tmp_path):
     model, hurt = tmp_path / "m.json", tmp_path / "hurt.csv"
     limited = replace(
         preset("report-6", load_profile("cim-tr-97-06").data),

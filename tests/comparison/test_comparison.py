@@ -1,14 +1,12 @@
 """Two results held against each other: closed forms, simulated coverage, damaged input."""
 
-from __future__ import annotations
-
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from runkit import write_run
 from scipy import stats
 
 from hdbench.comparison import compare_runs, comparison_csv
@@ -18,13 +16,13 @@ from hdbench.errors import DataError, UsageError
 from hdbench.estimation.harmonics import combine
 from hdbench.records import Quantity, dumps
 
+HEAD = {"hdbench_version": "0", "profile": None}
 NAMED = ("x", "x", "N m")
 
 
 def store(path: Path, kind: str, **body: Any) -> Path:
     """Write a result file."""
-    head = {"schema": f"hdbench/{kind}/1", "hdbench_version": "0", "profile": None}
-    path.write_text(dumps({**head, **body}))
+    path.write_text(dumps({"schema": f"hdbench/{kind}/1", **HEAD, **body}))
     return path
 
 
@@ -57,26 +55,24 @@ def scale(std: float = 0.08, source: str = "calibration R") -> dict[str, Any]:
 # -- the score ----------------------------------------------------------------------------------
 
 
-def test_independent_quantities_have_the_root_sum_of_squares() -> None:
+def test_independent_quantities_have_the_root_sum_of_squares():
     found = compared(NAMED, Quantity(1.0, 0.03), Quantity(1.1, 0.04), confidence=0.95)
-    assert found.difference is not None
     assert found.difference.std == pytest.approx(0.05)
     assert found.score == pytest.approx(0.1 / (1.959964 * 0.05), rel=1e-6)
     assert found.moved is True
     assert found.correlation == 0.0
 
 
-def test_a_common_part_takes_twice_the_covariance_off() -> None:
+def test_a_common_part_takes_twice_the_covariance_off():
     a, b = Quantity(10.0, 0.5), Quantity(12.0, 0.6)
     found = compared(NAMED, a, b, common=(SharedPart(0.4, 0.48),), confidence=0.95)
     r = 0.4 * 0.48 / (0.5 * 0.6)
     assert found.correlation == pytest.approx(r)
-    assert found.difference is not None
     expected = math.sqrt(0.5**2 + 0.6**2 - 2.0 * r * 0.5 * 0.6)
     assert found.difference.std == pytest.approx(expected)
 
 
-def test_what_is_left_of_an_uncertainty_has_the_dof_it_was_made_of() -> None:
+def test_what_is_left_of_an_uncertainty_has_the_dof_it_was_made_of():
     noise, gain = (3.9e-4, 41.0), (4.9e-3, 3.0)
     std, dof = combine(noise, gain)
     left = own_part(Quantity(0.39, std, dof), [gain])
@@ -84,7 +80,7 @@ def test_what_is_left_of_an_uncertainty_has_the_dof_it_was_made_of() -> None:
     assert left[1] == pytest.approx(noise[1], rel=1e-3)
 
 
-def test_the_same_number_twice_has_not_moved_and_another_without_uncertainty_has() -> None:
+def test_the_same_number_twice_has_not_moved_and_another_without_uncertainty_has():
     same = compared(NAMED, Quantity(1.0, 0.0), Quantity(1.0, 0.0), confidence=0.95)
     assert (same.score, same.moved) == (0.0, False)
     other = compared(NAMED, Quantity(1.0, 0.0), Quantity(1.1, 0.0), confidence=0.95)
@@ -131,15 +127,13 @@ def false_alarms(place: Path, certificates: tuple[str, str], n: int) -> float:
     # degrees of freedom is covered by 95 to 97 %
     [(("K1", "K1"), 0.05), (("K1", "K2"), 0.03)],
 )
-def test_two_calibrations_of_one_sensor_are_told_apart_in_5_of_100(
-    certificates: tuple[str, str], lowest: float, tmp_path: Path
-) -> None:
+def test_two_calibrations_of_one_sensor_are_told_apart_in_5_of_100(certificates, lowest, tmp_path):
     n = 400
     slack = 3.0 * math.sqrt(0.05 * 0.95 / n)
     assert lowest - slack < false_alarms(tmp_path, certificates, n) < 0.05 + slack
 
 
-def test_the_same_certificate_correlates_and_another_does_not(tmp_path: Path) -> None:
+def test_the_same_certificate_correlates_and_another_does_not(tmp_path):
     rng = np.random.default_rng(2)
     a = drawn(rng, tmp_path, "a.json", 0.0, budget=[row("K1")])
     b = drawn(rng, tmp_path, "b.json", 0.0, budget=[row("K1")])
@@ -151,7 +145,7 @@ def test_the_same_certificate_correlates_and_another_does_not(tmp_path: Path) ->
     assert compare_runs(a, b, independent=True).quantities[0].correlation == 0.0
 
 
-def test_what_a_position_does_every_time_cancels(tmp_path: Path) -> None:
+def test_what_a_position_does_every_time_cancels(tmp_path):
     # 3 % between positions, the same in both; a true change of 0.5 %
     spread = {0.0: 6.4, 1.5: 6.7, 3.0: 6.5, 4.5: 6.8}
     after = {
@@ -171,7 +165,7 @@ def test_what_a_position_does_every_time_cancels(tmp_path: Path) -> None:
     assert paired.score == pytest.approx(abs(float(t.statistic)) / k, rel=1e-9)
 
 
-def test_half_a_turn_written_with_four_digits_is_the_same_position(tmp_path: Path) -> None:
+def test_half_a_turn_written_with_four_digits_is_the_same_position(tmp_path):
     places = (0.0, math.pi / 2.0, math.pi, 1.5 * math.pi)
     sides = []
     for name, angles in (("a", places), ("b", [round(at, 4) for at in places])):
@@ -181,7 +175,7 @@ def test_half_a_turn_written_with_four_digits_is_the_same_position(tmp_path: Pat
     assert "4 positions" in found.quantities[1].label
 
 
-def test_positions_that_differ_leave_the_means_to_decide(tmp_path: Path) -> None:
+def test_positions_that_differ_leave_the_means_to_decide(tmp_path):
     a = store(
         tmp_path / "a.json", "calibration", **calibration({0.0: 6.6, 2.0: 6.6, 4.0: 6.61}, 0.01)
     )
@@ -213,14 +207,13 @@ def misalignment(amplitude: float, phase: float = 0.3, **more: Any) -> dict[str,
     }
 
 
-def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path: Path) -> None:
+def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path):
     # the report, section 5: 10 N m peak to peak before, less than 2 N m after
     a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
     b = store(tmp_path / "b.json", "misalignment", **misalignment(0.9, phase=-1.0))
     found = compare_runs(a, b)
     assert found.verdict == "moved"
     first = found.quantities[0]
-    assert first.difference is not None
     assert first.difference.value == pytest.approx(-8.2)
     # one gain: its error goes with the difference only, beside the noise of both
     expected = math.hypot(0.008, 0.008, 8.2 * 0.08 / 6.6)
@@ -228,7 +221,7 @@ def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path: Path) -> N
     assert "10 to 1.8 N m" in found.sentence
 
 
-def test_another_gain_in_each_is_independent(tmp_path: Path) -> None:
+def test_another_gain_in_each_is_independent(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
     other = misalignment(5.0, torque_scale=scale(source="calibration S"))
     b = store(tmp_path / "b.json", "misalignment", **other)
@@ -238,13 +231,12 @@ def test_another_gain_in_each_is_independent(tmp_path: Path) -> None:
     assert found.verdict == "within-uncertainty"
 
 
-def test_a_turned_misalignment_counts_only_with_one_origin(tmp_path: Path) -> None:
+def test_a_turned_misalignment_counts_only_with_one_origin(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
     b = store(tmp_path / "b.json", "misalignment", **misalignment(1.0, phase=1.3))
     assert compare_runs(a, b).verdict == "within-uncertainty"
     told = compare_runs(a, b, same_origin=True)
     assert told.moved == ("order vectors",)
-    assert told.pattern is not None
     length = told.pattern.to_dict()["orders"][0]["difference"]["amplitude_nm"]["value"]
     assert length == pytest.approx(2.0 * math.sin(0.5))
 
@@ -264,7 +256,7 @@ def turned(z: complex, angle: float) -> complex:
     return z * complex(math.cos(angle), math.sin(angle))
 
 
-def test_a_pattern_turned_by_any_shift_is_the_same_pattern() -> None:
+def test_a_pattern_turned_by_any_shift_is_the_same_pattern():
     two, four = 0.4 + 0.1j, 0.15 - 0.1j
     for shift in (0.0, 0.7, 2.0, -2.9):
         found = compare_pattern(
@@ -275,23 +267,21 @@ def test_a_pattern_turned_by_any_shift_is_the_same_pattern() -> None:
             same_origin=False,
             confidence=0.95,
         )
-        assert found is not None
         assert found.score == pytest.approx(0.0, abs=1e-3)
         # orders 2 and 4 know the shift up to half a turn
         assert math.remainder(found.shift_rad - shift, math.pi) == pytest.approx(0.0, abs=1e-5)
 
 
-def test_a_phase_between_the_orders_that_changed_is_found() -> None:
+def test_a_phase_between_the_orders_that_changed_is_found():
     two, four = 0.4 + 0.1j, 0.15 - 0.1j
     moved = [pair(2.0, two, two, 0.001), pair(4.0, four, turned(four, 0.3), 0.001)]
     found = compare_pattern(moved, same_origin=False, confidence=0.95)
-    assert found is not None
     assert found.score is not None
     assert found.score > 5.0
 
 
 @pytest.mark.parametrize(("same_origin", "free"), [(True, 4), (False, 3)])
-def test_two_patterns_of_one_truth_are_told_apart_in_5_of_100(same_origin: bool, free: int) -> None:
+def test_two_patterns_of_one_truth_are_told_apart_in_5_of_100(same_origin, free):
     rng = np.random.default_rng(8)
     truth = {2.0: 0.4 + 0.1j, 4.0: 0.15 - 0.1j}
     std, n = 0.005, 300
@@ -309,7 +299,6 @@ def test_two_patterns_of_one_truth_are_told_apart_in_5_of_100(same_origin: bool,
             for i, (order, z) in enumerate(truth.items())
         ]
         found = compare_pattern(pairs, same_origin=same_origin, confidence=0.95)
-        assert found is not None
         assert found.score is not None
         scores[trial] = found.score
     # three standard deviations of a share and of a mean of chi-squared with `free` degrees
@@ -331,7 +320,7 @@ def ripple(*orders: tuple[float, float, float]) -> dict[str, Any]:
     }
 
 
-def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path: Path) -> None:
+def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path):
     a = store(tmp_path / "a.json", "ripple", **ripple((2.0, 0.4, 0.1), (4.0, 0.2, 1.0)))
     b = store(tmp_path / "b.json", "ripple", **ripple((2.0, 0.5, 0.1)))
     found = compare_runs(a, b)
@@ -344,7 +333,7 @@ def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path: Pa
 # -- diagnosis, files, errors -------------------------------------------------------------------
 
 
-def test_a_new_cause_and_a_grown_one_are_named(tmp_path: Path, named_cause) -> None:
+def test_a_new_cause_and_a_grown_one_are_named(tmp_path, named_cause):
     def cause(name: str, value: float) -> dict[str, Any]:
         place = {"value": 6.0, "std": None, "unit": "s"}
         size = {"value": value, "std": 0.01, "unit": "N m"}
@@ -360,7 +349,7 @@ def test_a_new_cause_and_a_grown_one_are_named(tmp_path: Path, named_cause) -> N
     assert compare_runs(a, a).verdict == "within-uncertainty"
 
 
-def test_two_kinds_are_refused_with_exit_4(tmp_path: Path) -> None:
+def test_two_kinds_are_refused_with_exit_4(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
     b = store(tmp_path / "b.json", "ripple", **ripple((2.0, 0.4, 0.1)))
     with pytest.raises(DataError, match="a ripple result against a misalignment result") as caught:
@@ -378,7 +367,7 @@ def test_two_kinds_are_refused_with_exit_4(tmp_path: Path) -> None:
         {"torque_scale": {"gain_nm_per_v": {"value": "x"}}},
     ],
 )
-def test_a_misshapen_entry_is_named_and_no_bug(tmp_path: Path, damage: dict[str, Any]) -> None:
+def test_a_misshapen_entry_is_named_and_no_bug(tmp_path, damage):
     good = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
     bad = store(tmp_path / "b.json", "misalignment", **{**misalignment(1.0), **damage})
     with pytest.raises(DataError) as caught:
@@ -387,7 +376,7 @@ def test_a_misshapen_entry_is_named_and_no_bug(tmp_path: Path, damage: dict[str,
     assert compare_runs(good, good).verdict == "within-uncertainty"
 
 
-def test_other_files_and_a_wrong_confidence_are_refused(tmp_path: Path) -> None:
+def test_other_files_and_a_wrong_confidence_are_refused(tmp_path):
     other = store(tmp_path / "o.json", "orders")
     with pytest.raises(DataError, match="schema"):
         compare_runs(other, other)
@@ -400,7 +389,7 @@ def test_other_files_and_a_wrong_confidence_are_refused(tmp_path: Path) -> None:
             compare_runs(good, good, confidence=confidence)
 
 
-def test_the_csv_holds_the_numbers_of_the_json(tmp_path: Path) -> None:
+def test_the_csv_holds_the_numbers_of_the_json(tmp_path):
     a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
     b = store(tmp_path / "b.json", "misalignment", **misalignment(0.9))
     found = compare_runs(a, b)
@@ -414,14 +403,10 @@ def test_the_csv_holds_the_numbers_of_the_json(tmp_path: Path) -> None:
 
 def with_loads(folder: Path, gain: float, zero_v: float) -> Path:
     """Write a calibration's run folder with three readings on one line."""
-    folder.mkdir()
     result = calibration({0.0: gain, 2.0: gain, 4.0: gain}, 0.01)
     for line in result["experiments"]:
         line["zero_v"] = zero_v
-    store(folder / "result.json", "calibration", **result)
-    manifest = {"schema": "hdbench/run/1", "kind": "calibration", "status": "complete",
-                "files": {}, "profile": {}}  # fmt: skip
-    (folder / "run.json").write_text(json.dumps(manifest))
+    write_run(folder, "calibration", {**HEAD, **result}, profile={})
     rows = ["experiment,position_rad,range,direction,series,torque_nm,reading_v"]
     rows += [
         f"p{i},{2.0 * i},full,cw,up,{torque},{torque / gain + zero_v!r}"
@@ -432,11 +417,10 @@ def with_loads(folder: Path, gain: float, zero_v: float) -> Path:
     return folder
 
 
-def test_the_overlay_shows_readings_off_the_first_line(tmp_path: Path) -> None:
+def test_the_overlay_shows_readings_off_the_first_line(tmp_path):
     a = with_loads(tmp_path / "a", 6.6, 0.05)
     b = with_loads(tmp_path / "b", 6.0, -0.03)
     curves = compare_runs(a, b).overlay
-    assert curves is not None
     assert curves["a"]["y"] == pytest.approx([0.0] * 9, abs=1e-12)
     # a sensor of 6.0 N m/V read by 6.6 shows a tenth too much
     assert curves["b"]["y"] == pytest.approx([0.0, 1.0, 2.0] * 3, abs=1e-12)
@@ -447,18 +431,12 @@ def test_the_overlay_shows_readings_off_the_first_line(tmp_path: Path) -> None:
     assert found.verdict == "moved"
 
 
-def test_profile_and_environment_are_compared_key_by_key(tmp_path: Path) -> None:
+def test_profile_and_environment_are_compared_key_by_key(tmp_path):
     profile = Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml"
     text = profile.read_text()
     for name, wave, seed in (("a", text, "sim-0"), ("b", text.replace("46.0 ", "47.0 "), "sim-1")):
-        folder = tmp_path / name
-        folder.mkdir()
-        store(folder / "result.json", "misalignment", **misalignment(1.0))
-        manifest = {
-            "schema": "hdbench/run/1", "kind": "misalignment", "status": "complete", "files": {},
-            "profile": {"text": wave}, "device": {"serial": seed}, "hdbench_version": "0",
-        }  # fmt: skip
-        (folder / "run.json").write_text(json.dumps(manifest))
+        more = {"profile": {"text": wave}, "device": {"serial": seed}, "hdbench_version": "0"}
+        write_run(tmp_path / name, "misalignment", {**HEAD, **misalignment(1.0)}, **more)
     found = compare_runs(tmp_path / "a", tmp_path / "b").to_dict()
     assert found["profile_changes"] == [
         {"key": "drive.flexspline_diameter_mm", "a": 46.0, "b": 47.0, "only": ""}

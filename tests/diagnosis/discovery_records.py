@@ -1,6 +1,7 @@
 """Records of white noise on a motion in closed form, ready for the discovery."""
 
 import numpy as np
+from swinging_shaft import NOISE_NM, RIPPLE, record
 
 from hdbench.diagnosis.discovery.baseline import parse_baseline
 from hdbench.diagnosis.discovery.fit import Fit
@@ -8,23 +9,13 @@ from hdbench.diagnosis.discovery.record import prepare_record
 from hdbench.diagnosis.discovery.spectrum import Spectrum
 from hdbench.model import BenchModel
 from hdbench.profile import load_profile
-from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
-NOISE_NM = 0.05
 
 
 def swinging(n, extra=lambda time, angle, speed: 0.0, seed=0, change=(), mean=50.0, swing=40.0):
     """Return a record at 1 kHz of a speed that swings once in 2 s, its ripple and white noise."""
-    time = np.arange(n) * 1e-3
-    rate = np.pi
-    speed = mean + swing * np.sin(rate * time)
-    angle = mean * time + swing / rate * (1.0 - np.cos(rate * time))
-    torque = 0.4 * np.cos(2.0 * angle) + 0.2 * np.cos(4.0 * angle)
-    torque += 1.725e-4 * swing * rate * np.cos(rate * time) + extra(time, angle, speed)
-    torque = torque + NOISE_NM * np.random.default_rng(seed).standard_normal(n)
-    columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
-    trace = Trace({**columns, "torque_nm": torque})
+    trace = record(extra, (mean, swing, 2.0), RIPPLE, n=n, seed=seed)
     model = BenchModel.from_profile(PROFILE.data)
     masked = np.zeros(n, dtype=bool)
     return prepare_record(trace, PROFILE.data, model, masked, parse_baseline(change))

@@ -1,7 +1,5 @@
 """Readings of a model that was found in readings: whether the model holds all that was fitted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

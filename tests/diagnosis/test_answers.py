@@ -114,6 +114,7 @@ SCENES = {
         f"a cube and an asymmetry in noise of pole {pole}": Scene(
             partial(cube_and_asymmetry, pole, noise_nm),
             [{"cubic-nonlinearity"}, {"direction-asymmetry", "side-force"}],
+            never={"cubic-stiffness"},
             campaign=pole > 0.0,
         )
         for pole, noise_nm in ((0.0, 0.05), (0.9, 0.01))
@@ -122,6 +123,7 @@ SCENES = {
         partial(reversing, lambda _a, _w, load: 3e-6 * load**3, 3),
         [{"cubic-nonlinearity"}],
         never={"cubic-stiffness"},
+        campaign=True,
     ),
     "a tone at the ripple's frequency": Scene(
         without_angle, [TONES], {"frequency_hz": (28.6, 0.01)}, materiality=0.0
@@ -131,7 +133,7 @@ SCENES = {
             partial(slow_tone, hertz, period_s, n, pole),
             [TONES],
             {"frequency_hz": (hertz, 0.0)},
-            campaign=n != 1200,
+            campaign=True,
         )
         for hertz, period_s, n, pole in (
             (5.0, 5e-3, 2400, 0.9),
@@ -153,6 +155,7 @@ SCENES = {
         {"order": (6.0, 1e-9)},
         never={"bearing-defect", "tooth-mesh"},
         materiality=0.0,
+        campaign=True,
     ),
     "two lines": Scene(
         partial(
@@ -162,6 +165,7 @@ SCENES = {
         ),
         [{"ripple-harmonic"}, {"structural-tone"}],
         {"order": (6.0, 1e-9), "frequency_hz": (37.3, 0.0)},
+        never={"bearing-defect", "tooth-mesh"},
     ),
     # a step of 2.4 sigma is placed within some (sigma / step)^2 samples
     "a step": Scene(
@@ -202,13 +206,11 @@ def test_a_narrow_resonance_is_seen_wherever_it_lies(hertz):
     assert found.causes[0].name == "torsional-resonance"
 
 
-def test_a_hum_is_not_told_from_a_tone_and_few_turns_show_no_bearing():
-    found = diagnose_trace(record(tone(50.02, 0.08)), PROFILE)
-    (cause,) = found.causes
+def test_a_hum_is_not_told_from_a_tone():
+    (cause,) = diagnose_trace(record(tone(50.02, 0.08)), PROFILE).causes
     assert set(cause.group) == {"mains-hum", "structural-tone"}
-    short = diagnose_trace(reversing(seed=3), PROFILE)
-    (reason,) = [t.because for t in short.testable if t.name == "bearing-defect"]
-    assert "12.2 turns; needed: 100" in reason
+    frequency = cause.parameters["frequency_hz"]
+    assert abs(frequency.value - 50.02) <= 4.0 * frequency.std
 
 
 def test_friction_on_a_staircase_of_speeds_is_named_with_its_slope():
@@ -358,7 +360,6 @@ def test_a_short_arc_says_nothing_about_a_misalignment_and_leaves_it():
 @pytest.mark.parametrize(
     ("terms", "named", "order"),
     [
-        ((), {"ripple-harmonic"}, 6.0),
         (("+order:6",), set(), None),
         (("+order:6", "-order:4", "-misalignment"), {"ripple-harmonic", "misalignment"}, 4.0),
     ],

@@ -3,6 +3,7 @@
 import gzip
 import json
 import os
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from hdbench.diagnosis.faults.converter import coarse_steps
 from hdbench.diagnosis.faults.residual import faults_of_residual
 from hdbench.diagnosis.faults.units import check_channels
 from hdbench.model import BenchModel, CauseTerm, baseline_columns, motion_from_trace
-from hdbench.profile import load_profile
+from hdbench.profile import load_profile, parse_profile
 from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
@@ -206,7 +207,6 @@ def test_the_step_of_coarse_readings_is_read_from_the_values(step):
     torque = bench()["torque_nm"]
     # the last stage rounds once more, to steps of 2 mN m
     steps = coarse_steps(0.002 * np.round(step * np.round(torque / step) / 0.002))
-    assert steps is not None
     assert abs(steps.step - step) < 1e-4 * step + 4.0 * steps.std
     assert coarse_steps(torque) is None
 
@@ -357,18 +357,6 @@ def test_clean_records_have_no_fault(bits, colour):
     assert (found.reason, found.faults, found.flags, found.left_out) == ("", (), (), ())
 
 
-def real_profile(keys, folder):
-    """Return the bench with some keys set."""
-    table, lines = "", []
-    for line in (Path(__file__).parents[2] / "profiles/cim-tr-97-06.toml").read_text().splitlines():
-        table = line.strip("[] ") if line.startswith("[") else table
-        name = f"{table}.{line.split('=')[0].strip()}"
-        lines.append(f"{line.split('=')[0]} = {float(keys[name])!r}" if name in keys else line)
-    path = folder / "bench.toml"
-    path.write_text("\n".join(lines) + "\n")
-    return load_profile(str(path))
-
-
 @pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA not set")
 @pytest.mark.parametrize(
     ("name", "derived"),
@@ -382,16 +370,20 @@ def real_profile(keys, folder):
         ("ur10_wrist_3_joint", True),
     ],
 )
-def test_logs_of_other_drives_have_no_fault_and_stay_as_they_are(name, derived, tmp_path):
+def test_logs_of_other_drives_have_no_fault_and_stay_as_they_are(name, derived, changed_profile):
     folder = Path(str(DATA)) / "real"
     truth = json.loads((folder / "truth.json").read_text())
     keys = truth[name]["profile"]
     keys = truth[keys]["profile"] if isinstance(keys, str) else keys
+    tables = defaultdict(dict)
+    for key, number in keys.items():
+        table, _, key = key.rpartition(".")
+        tables[table][key] = float(number)
     with gzip.open(folder / f"{name}.csv.gz", "rt") as file:
         head = file.readline().strip().split(",")
         rows = np.loadtxt(file, delimiter=",")
     columns = dict(zip(head, rows.T.copy(), strict=True))
-    found = inspected(columns, real_profile(keys, tmp_path))
+    found = inspected(columns, parse_profile(changed_profile(**tables), name))
     assert (found.reason, found.faults, found.left_out) == ("", (), ())
     for channel in head:
         np.testing.assert_array_equal(found.trace[channel], columns[channel])

@@ -185,17 +185,12 @@ def test_a_file_without_numbers_is_refused(tmp_path):
         read_log(path)
 
 
-def test_the_command_prints_one_object(tmp_path, capsys):
-    from hdbench_cli.main import main
-
+def test_the_command_prints_one_object(tmp_path, hdbench):
     columns = clean(125.0, 10.0)
     path = tmp_path / "trace.csv"
     table = np.column_stack(list(columns.values()))
     np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
-    with pytest.raises(SystemExit) as ended:
-        main(["inspect", str(path), "--json"])
-    assert ended.value.code == 0
-    body = json.loads(capsys.readouterr().out)
+    body = json.loads(hdbench("inspect", path, "--json")[0])
     assert body["schema"] == "hdbench/inspect/1"
     assert {"name", "unit", "rate_hz", "bandwidth_hz", "resolution", "missing_share", "held_share",
             "derived_from", "delay_s"} <= set(body["channels"][0])  # fmt: skip

@@ -4,12 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from swinging_shaft import record
 
 from hdbench.diagnosis import diagnose_run
 from hdbench.diagnosis.answer.result import Pictures
 from hdbench.diagnosis.answer.tables import code_map, residual_maps
 from hdbench.profile import load_profile
-from hdbench.records import Trace, write_trace
+from hdbench.records import write_trace
 
 PROFILE = load_profile("cim-tr-97-06")
 
@@ -73,15 +74,8 @@ def test_a_stuck_bit_empties_half_of_the_codes():
 
 
 def test_an_order_that_was_found_is_taken_out_by_the_filter(tmp_path):
-    n = 20_000
-    rng = np.random.default_rng(5)
-    time = np.arange(n) * 1e-3
-    speed = 100.0 + 30.0 * np.sin(2.0 * np.pi * time / 7.0)
-    angle = 100.0 * time + 30.0 * 7.0 / (2.0 * np.pi) * (1.0 - np.cos(2.0 * np.pi * time / 7.0))
-    torque = 0.4 * np.cos(2.0 * angle) + 0.3 * np.cos(7.0 * angle + 0.4)
-    torque += 0.02 * rng.standard_normal(n)
-    columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
-    write_trace(tmp_path / "trace.csv", Trace({**columns, "torque_nm": torque}))
+    trace = record(motion=(100.0, 30.0, 7.0), ripple=((2.0, 0.4, 0.0), (7.0, 0.3, 0.4)), seed=5)
+    write_trace(tmp_path / "trace.csv", trace)
     folder, result = diagnose_run(tmp_path / "trace.csv", PROFILE, out=tmp_path / "runs")
     (block,) = result.filter_gain.blocks
     assert block.order == pytest.approx(7.0, abs=1e-3)

@@ -1,7 +1,5 @@
 """Part of a record that is diagnosed: a named one, or as much as one diagnosis takes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -10,8 +8,6 @@ import pytest
 from hdbench.diagnosis.run import part_of
 from hdbench.errors import DataError
 from hdbench.records import Trace
-from hdbench_cli import main as main_module
-from hdbench_cli.output import Output
 
 
 def trace(n: int = 100) -> Trace:
@@ -19,38 +15,33 @@ def trace(n: int = 100) -> Trace:
     return Trace({"time_s": time_s, "torque_nm": np.arange(n, dtype=float)})
 
 
-def test_a_whole_record_is_itself() -> None:
+def test_a_whole_record_is_itself():
     whole = trace()
     assert part_of(whole) == (whole, None)
     assert part_of(whole, 0.0, 100.0) == (whole, None)
 
 
-def test_both_ends_belong_to_the_part() -> None:
+def test_both_ends_belong_to_the_part():
     held, part = part_of(trace(), 5.2, 5.4)
-    assert part is not None
     assert held["torque_nm"].tolist() == list(range(20, 41))
     assert (part.from_s, part.to_s) == pytest.approx((5.2, 5.4))
     assert (part.samples, part.of_samples, part.cut) == (21, 100, False)
 
 
-def test_a_long_record_is_cut_and_says_so() -> None:
+def test_a_long_record_is_cut_and_says_so():
     held, part = part_of(trace(), from_s=5.5, most=30)
-    assert part is not None
     assert held["torque_nm"][[0, -1]].tolist() == [50.0, 79.0]
     assert part.cut
 
 
 @pytest.mark.parametrize(("from_s", "to_s"), [(7.0, None), (None, 4.0), (5.4, 5.2)])
-def test_an_empty_part_is_told_with_the_records_ends(
-    from_s: float | None, to_s: float | None
-) -> None:
+def test_an_empty_part_is_told_with_the_records_ends(from_s, to_s):
     with pytest.raises(DataError, match=r"runs from 5 to 5\.99 s"):
         part_of(trace(), from_s, to_s)
 
 
-def test_loads_have_no_clock(tmp_path, capsys) -> None:
+def test_loads_have_no_clock(tmp_path, hdbench):
     loads = tmp_path / "loads.csv"
     loads.write_text("experiment,direction,torque_nm,reading_v\n1,cw,1,0.1\n")
-    words = ["diagnose", str(loads), "--from-s", "1", "--out", str(tmp_path), "--json"]
-    assert main_module._run(words, Output(json=True)) == 2
-    assert "no clock" in json.loads(capsys.readouterr().out)["error"]["what"]
+    words = ("diagnose", loads, "--from-s", "1", "--out", tmp_path, "--json")
+    assert "no clock" in json.loads(hdbench(*words, code=2)[0])["error"]["what"]

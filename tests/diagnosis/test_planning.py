@@ -1,7 +1,5 @@
 """Planning: separability of causes, against closed forms, all samples and other code."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -40,7 +38,7 @@ def motion_at(speeds: tuple[float, ...], each_s: float) -> Motion:
     return motion_from_trace(Trace(columns, "two speeds"), PROFILE)
 
 
-def test_a_tone_imitates_a_quarter_of_an_order_at_two_speeds() -> None:
+def test_a_tone_imitates_a_quarter_of_an_order_at_two_speeds():
     # a tone fits one of two equally long speeds and is orthogonal to the other, with half of its
     # own power at each: cos^2 = (n / 4)^2 / (n / 2)^2 = 1/4. What it picks up of the other speed,
     # and the changes of speed, are below 1 %; a sketch adds 1 %
@@ -51,7 +49,7 @@ def test_a_tone_imitates_a_quarter_of_an_order_at_two_speeds() -> None:
     assert found.share("ripple-harmonic", "structural-tone") == pytest.approx(0.75, abs=0.02)
 
 
-def test_eccentricity_and_unbalance_at_two_speeds_have_the_closed_form_share() -> None:
+def test_eccentricity_and_unbalance_at_two_speeds_have_the_closed_form_share():
     # amplitudes (1, 1) and (1, 9) at speeds w and 3 w, equally long:
     # sin^2 = 1 - (1 + 9)^2 / (2 (1 + 81)) = 0.390
     names = ("wave-generator-eccentricity", "motor-unbalance")
@@ -60,7 +58,7 @@ def test_eccentricity_and_unbalance_at_two_speeds_have_the_closed_form_share() -
         assert found.share(*pair) == pytest.approx(1.0 - 100.0 / 164.0, abs=0.015)
 
 
-def test_the_bound_of_a_tone_is_that_of_the_literature() -> None:
+def test_the_bound_of_a_tone_is_that_of_the_literature():
     # sigma_A = sigma sqrt(2 / n) = 2.9e-4 N m for 60 s of 0.05 N m at 1 kHz
     found = compare(motion_at((156.0,), 60.0), effects_named(("structural-tone",)), PROFILE)
     (entry,) = found.visibility
@@ -70,7 +68,7 @@ def test_the_bound_of_a_tone_is_that_of_the_literature() -> None:
     assert entry.detectable_nm / entry.std_nm == pytest.approx(5.5 + 1.28, abs=0.6)
 
 
-def test_red_noise_hides_slow_effects_by_its_spectrum_at_zero() -> None:
+def test_red_noise_hides_slow_effects_by_its_spectrum_at_zero():
     # an AR(1) of 0.9 has 1 / (1 - 0.9) = 10 times the innovation's density (in amplitude) at 0 Hz
     motion, effects = motion_at((50.0, -50.0), 10.0), effects_named(("zero-drift",))
     white = compare(motion, effects, PROFILE, noise=Noise.white(0.01)).visibility[0]
@@ -83,7 +81,7 @@ def test_red_noise_hides_slow_effects_by_its_spectrum_at_zero() -> None:
     assert red.std_nm / white.std_nm == pytest.approx(10.0, rel=0.05)
 
 
-def test_a_sketch_gives_the_shares_of_all_samples() -> None:
+def test_a_sketch_gives_the_shares_of_all_samples():
     plan = full_protocol(PROFILE, loads=False)
     motion = planned_motion(plan, PROFILE)
     names = (
@@ -102,7 +100,7 @@ def test_a_sketch_gives_the_shares_of_all_samples() -> None:
     assert np.nanmax(np.abs(few.sin2 - whole.sin2)) < 0.02
 
 
-def test_what_remembers_is_the_same_on_few_samples_as_on_all() -> None:
+def test_what_remembers_is_the_same_on_few_samples_as_on_all():
     sweep = (Segment("ramp", 8.0, 150.0), Segment("ramp", 8.0, -150.0), Segment("ramp", 4.0, 0.0))
     motion = planned_motion(MotionPlan("sweep", sweep), PROFILE)
     frame = make_frame(motion, PROFILE, Noise.white(0.05), n_rows=2000)
@@ -120,7 +118,7 @@ def test_what_remembers_is_the_same_on_few_samples_as_on_all() -> None:
         assert np.linalg.norm(quick - exact) <= 3e-3 * np.linalg.norm(exact), name
 
 
-def test_in_a_flat_spectrum_shares_are_those_of_white_noise() -> None:
+def test_in_a_flat_spectrum_shares_are_those_of_white_noise():
     sweep = (Segment("ramp", 8.0, 150.0), Segment("ramp", 8.0, -150.0), Segment("ramp", 4.0, 0.0))
     motion = planned_motion(MotionPlan("sweep", sweep), PROFILE)
     effects = effects_named(("coulomb-friction", "viscous-friction", "zero-drift", "zero-step"))
@@ -135,7 +133,7 @@ def test_in_a_flat_spectrum_shares_are_those_of_white_noise() -> None:
         assert one.std_nm == pytest.approx(other.std_nm, rel=0.05)
 
 
-def test_at_one_speed_names_look_alike_that_the_full_protocol_tells_apart() -> None:
+def test_at_one_speed_names_look_alike_that_the_full_protocol_tells_apart():
     names = ("ripple-harmonic", "structural-tone", "motor-unbalance", "wave-generator-eccentricity")
     one = compare(motion_at((156.0,), 30.0), effects_named(names), PROFILE)
     assert one.share("ripple-harmonic", "structural-tone") < 0.01
@@ -147,13 +145,13 @@ def test_at_one_speed_names_look_alike_that_the_full_protocol_tells_apart() -> N
     assert full.inseparable() == ()
 
 
-def test_gravity_and_misalignment_are_alike_on_every_motion() -> None:
+def test_gravity_and_misalignment_are_alike_on_every_motion():
     motion = planned_motion(full_protocol(PROFILE, loads=False), PROFILE)
     found = compare(motion, effects_named(("misalignment", "load-gravity")), PROFILE)
     assert found.inseparable() == (("misalignment", "load-gravity"),)
 
 
-def test_what_a_motion_cannot_show_is_told_with_its_reason() -> None:
+def test_what_a_motion_cannot_show_is_told_with_its_reason():
     found = compare(
         motion_at((156.0,), 5.0), effects_named(("gain-ripple", "coulomb-friction", "spikes")),
         PROFILE,
@@ -167,7 +165,7 @@ def test_what_a_motion_cannot_show_is_told_with_its_reason() -> None:
     assert found.share("gain-ripple", "coulomb-friction") is None
 
 
-def test_a_planned_motion_is_that_of_the_emulated_servo() -> None:
+def test_a_planned_motion_is_that_of_the_emulated_servo():
     block = next(b for b in blocks(PROFILE) if b.name == "staircase")
     trace = planned_trace(MotionPlan("staircase", block.steps), PROFILE)
     volts = trace["reference_v"]
@@ -177,7 +175,7 @@ def test_a_planned_motion_is_that_of_the_emulated_servo() -> None:
     np.testing.assert_allclose(trace["motor_angle_rad"], run.angle_rad[:, 0], atol=1e-7)
 
 
-def test_a_jump_beyond_the_servo_runs_along_its_acceleration_limit() -> None:
+def test_a_jump_beyond_the_servo_runs_along_its_acceleration_limit():
     plan = MotionPlan("fast", (Segment("ramp", 0.01, 300.0), Segment("hold", 1.0, 300.0)))
     trace = planned_trace(plan, PROFILE)
     command = command_rad_s(PROFILE, trace["reference_v"])
@@ -187,7 +185,7 @@ def test_a_jump_beyond_the_servo_runs_along_its_acceleration_limit() -> None:
     np.testing.assert_allclose(trace["motor_angle_rad"], run.angle_rad[:, 0], atol=0.02)
 
 
-def test_loads_stand_in_the_planned_record_and_locked_ones_do_not_move() -> None:
+def test_loads_stand_in_the_planned_record_and_locked_ones_do_not_move():
     steps = (
         LoadStep("hang 5 N m", 5.0, locked=True, position_rad=1.5),
         Segment("rest", 1.0),

@@ -1,10 +1,7 @@
 """Plan files are data: read back as written, refused with file and key, held against limits."""
 
-from __future__ import annotations
-
 import json
 import math
-from pathlib import Path
 
 import pytest
 
@@ -20,13 +17,13 @@ HEAD = 'schema = "hdbench/plan/1"\n'
 
 
 @pytest.mark.parametrize("name", ["plan.toml", "plan.json"])
-def test_a_plan_reads_back_as_it_was_written(tmp_path: Path, name: str) -> None:
+def test_a_plan_reads_back_as_it_was_written(tmp_path, name):
     plan = full_protocol(PROFILE)
     write_plan(tmp_path / name, plan)
     assert read_plan(tmp_path / name) == plan
 
 
-def test_text_with_quotes_and_other_letters_survives() -> None:
+def test_text_with_quotes_and_other_letters_survives():
     steps = (LoadStep('hang "5 kg" \\ Gewicht \u00fc', 2.0), Segment("rest", 1.0))
     text = plan_text(MotionPlan("a 'name'", steps))
     assert 'hang \\"5 kg\\" \\\\ Gewicht \u00fc' in text
@@ -46,9 +43,7 @@ def test_text_with_quotes_and_other_letters_survives() -> None:
         ('kind = "load"\ntext = "a"\ntorque_nm = 1\nlocked = 1', "segments[0].locked", 6, "true"),
     ],
 )
-def test_what_is_wrong_is_named_with_file_line_and_key(
-    tmp_path: Path, body: str, key: str, line: int, needed: str
-) -> None:
+def test_what_is_wrong_is_named_with_file_line_and_key(tmp_path, body, key, line, needed):
     path = tmp_path / "p.toml"
     path.write_text(f"{HEAD}[[segments]]\n{body}\n")
     with pytest.raises(DataError) as error:
@@ -63,7 +58,7 @@ def test_what_is_wrong_is_named_with_file_line_and_key(
     ["", "not toml", 'schema = "hdbench/plan/2"\n', HEAD, HEAD + "segments = 3\n",
      HEAD + "segments = []\n", HEAD + "segments = [1]\n", "\x00", HEAD + "[[segments]]\n" * 1001],
 )  # fmt: skip
-def test_what_is_no_plan_is_refused_without_a_traceback(tmp_path: Path, text: str) -> None:
+def test_what_is_no_plan_is_refused_without_a_traceback(tmp_path, text):
     path = tmp_path / "p.toml"
     path.write_text(text)
     with pytest.raises(DataError) as error:
@@ -72,7 +67,7 @@ def test_what_is_no_plan_is_refused_without_a_traceback(tmp_path: Path, text: st
     assert str(path) in error.value.where
 
 
-def test_a_json_plan_is_refused_by_key_too(tmp_path: Path) -> None:
+def test_a_json_plan_is_refused_by_key_too(tmp_path):
     path = tmp_path / "p.json"
     body = {"schema": "hdbench/plan/1", "segments": [{"kind": "ramp", "duration_s": 1}]}
     path.write_text(json.dumps(body))
@@ -100,6 +95,6 @@ def test_a_json_plan_is_refused_by_key_too(tmp_path: Path) -> None:
         ((Segment("rest", 1.0),) * 129, "129 parts"),
     ],
 )
-def test_whatever_leaves_a_limit_is_named(steps: tuple, what: str) -> None:
+def test_whatever_leaves_a_limit_is_named(steps, what):
     problems = check_motion_plan(MotionPlan("p", steps), PROFILE)
     assert any(what in problem.what for problem in problems), [p.what for p in problems]

@@ -1,7 +1,5 @@
 """A proposed run tells apart what the run at hand cannot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -87,8 +85,8 @@ LOOK_ALIKES = [
     ids=lambda x: getattr(x, "__name__", str(x)),
 )  # fmt: skip
 def test_the_proposed_run_separates_what_the_run_at_hand_cannot(
-    first: str, second: str, at_hand, most: float, least: float
-) -> None:
+    first, second, at_hand, most, least
+):
     found = propose(effects_named((first, second)), ((first, second),), PROFILE, at_hand=at_hand())
     (pair,) = found.pairs
     # None: the baseline holds the effect there, or the run does not show it at all
@@ -99,7 +97,7 @@ def test_the_proposed_run_separates_what_the_run_at_hand_cannot(
     assert check_motion_plan(found.plan, PROFILE) == []
 
 
-def test_a_resonance_stands_out_of_the_kinematic_error_in_a_sweep_and_not_below_it() -> None:
+def test_a_resonance_stands_out_of_the_kinematic_error_in_a_sweep_and_not_below_it():
     names = ("torsional-resonance", "kinematic-error")
     slow = moved(Segment("sweep", 10.0, 60.0))
     sweep = moved(Segment("sweep", 10.0, 380.0))
@@ -113,7 +111,7 @@ def test_a_resonance_stands_out_of_the_kinematic_error_in_a_sweep_and_not_below_
     assert shares[1] > 0.5
 
 
-def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it() -> None:
+def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it():
     assert separating_plan(("misalignment", "load-gravity")) is None
     known = catalogue()
     text = settled_by(known["misalignment"], known["load-gravity"])
@@ -121,21 +119,20 @@ def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it() -
     assert "load-gravity needs motor torque" in text
 
 
-def test_without_an_operator_no_load_is_asked_for() -> None:
+def test_without_an_operator_no_load_is_asked_for():
     plan = separating_plan(("ripple-harmonic", "structural-tone"), loads=False)
-    assert plan is not None
     assert not plan.needs_operator
     assert not full_protocol(PROFILE, loads=False).needs_operator
     assert full_protocol(PROFILE).needs_operator
 
 
-def test_the_full_protocol_lasts_as_long_as_that_of_the_literature_and_keeps_the_limits() -> None:
+def test_the_full_protocol_lasts_as_long_as_that_of_the_literature_and_keeps_the_limits():
     for loads in (False, True):
         assert check_motion_plan(full_protocol(PROFILE, loads=loads), PROFILE) == []
     assert 160.0 < full_protocol(PROFILE, loads=False).duration_s < 185.0
 
 
-def test_a_plan_for_a_diagnosis_takes_its_open_names_with_their_shapes() -> None:
+def test_a_plan_for_a_diagnosis_takes_its_open_names_with_their_shapes():
     cause = NamedCause(
         name="structural-tone",
         group=("structural-tone", "ripple-harmonic"),
@@ -151,7 +148,6 @@ def test_a_plan_for_a_diagnosis_takes_its_open_names_with_their_shapes() -> None
         domain="frequency",
     )
     found = plan_for_causes([cause], PROFILE, motion=one_speed())
-    assert found is not None
     assert found.plan is not None
     assert all(pair.separated for pair in found.pairs)
     assert {pair.first for pair in found.pairs} == {"structural-tone", "ripple-harmonic"}

@@ -1,7 +1,5 @@
 """Every hdbench line in README, docs and help texts is right; the tutorial runs as it stands."""
 
-from __future__ import annotations
-
 import io
 import re
 import shlex
@@ -15,7 +13,9 @@ from pathlib import Path
 import click
 import pytest
 
+from hdbench_cli import inputs
 from hdbench_cli import main as main_module
+from hdbench_cli.commands import demo
 from hdbench_cli.output import Output
 
 ROOT = Path(__file__).parents[2]
@@ -48,7 +48,6 @@ def help_lines(group: click.Group, path: str = "hdbench") -> Iterator[tuple[str,
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)
-        assert command is not None
         if isinstance(command, click.Group):
             yield from help_lines(command, f"{path} {name}")
             continue
@@ -114,9 +113,7 @@ def served() -> Iterator[str]:
     """Serve an emulated bench for the lines that name an address."""
     words = [sys.executable, "-m", "hdbench_cli", "emulate", "--pace", "fast"]
     with subprocess.Popen(words, text=True, stdout=subprocess.PIPE) as node:
-        assert node.stdout is not None
         found = re.search(r"tcp://[\d.]+:\d+", node.stdout.readline())
-        assert found is not None
         yield found[0]
         node.terminate()
 
@@ -125,7 +122,6 @@ def until_stopped(words: list[str]) -> int:
     """Run a command that goes on for ever, let it work, and interrupt it."""
     command = [sys.executable, "-m", "hdbench_cli", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
-        assert process.stdout is not None
         # it works when it has said something
         assert process.stdout.read(1), process.wait(timeout=60.0)
         process.send_signal(signal.SIGINT)
@@ -142,13 +138,13 @@ def write_log(trace: Path, target: Path) -> None:
     target.write_text("\n".join(["Timestamp,speed,torque", *cells]) + "\n")
 
 
-def test_the_pages_show_commands() -> None:
+def test_the_pages_show_commands():
     assert len(LINES) >= 40
     assert {"README.md", "help of hdbench diagnose"} <= {where for where, _ in LINES}
 
 
 @pytest.mark.parametrize(("where", "line"), LINES, ids=[f"{w}: {x[:70]}" for w, x in LINES])
-def test_a_documented_line_names_options_and_values_that_exist(where: str, line: str) -> None:
+def test_a_documented_line_names_options_and_values_that_exist(where, line):
     words = shlex.split(line, comments=True)[1:]
     command, words = command_of(words[: words.index(">")] if ">" in words else words)
     context = click.Context(command)
@@ -178,13 +174,18 @@ def answered(line: str, words: list[str], capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.parametrize("tutorial", [True, False], ids=["tutorial", "every other command"])
 def test_the_tutorial_and_a_line_of_every_other_command_run(
-    tutorial: bool,
-    served: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    tutorial, served, tmp_path, monkeypatch, capsys, changed_profile
+):
     monkeypatch.chdir(tmp_path)
+    # runs of some seconds, calibrated at two positions: `make demo` has them at full length
+    short = changed_profile(
+        calibration={"positions": 2, "average_s": 0.25},
+        misalignment={"velocity_rad_s": 180.0},
+        ripple={"duration_s": 8.0},
+    )
+    Path("short.toml").write_text(short)
+    for module in (inputs, demo):
+        monkeypatch.setattr(module, "DEFAULT_PROFILE", "short.toml")
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr("sys.stdin", io.StringIO())
     shutil.copytree(ROOT / "tests" / "stored", "tests/stored")

@@ -1,7 +1,5 @@
 """The site holds every page once, its links lead somewhere, its reference is what the code says."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -38,16 +36,16 @@ def navigation(entry: object) -> Counter[str]:
         return Counter([entry])
     children = entry.values() if isinstance(entry, dict) else entry
     assert not isinstance(children, str)
-    return sum((navigation(child) for child in children), Counter())  # type: ignore[attr-defined]
+    return sum((navigation(child) for child in children), Counter())
 
 
-def test_every_page_stands_in_the_navigation_once(site: Path) -> None:
+def test_every_page_stands_in_the_navigation_once(site):
     nav = yaml.safe_load((site / "mkdocs.yml").read_text())["nav"]
     pages = [str(page.relative_to(site / "docs")) for page in (site / "docs").rglob("*.md")]
     assert navigation(nav) == Counter(pages)
 
 
-def test_links_lead_to_files_that_exist(site: Path) -> None:
+def test_links_lead_to_files_that_exist(site):
     missing = [
         f"{page.name}: {target}"
         for page in (ROOT / "README.md", *sorted((site / "docs").rglob("*.md")))
@@ -57,12 +55,12 @@ def test_links_lead_to_files_that_exist(site: Path) -> None:
     assert missing == []
 
 
-def test_the_committed_reference_is_what_the_code_says() -> None:
+def test_the_committed_reference_is_what_the_code_says():
     done = subprocess.run(REFERENCE, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_site_builds_without_a_warning_and_fetches_nothing(site: Path) -> None:
+def test_the_site_builds_without_a_warning_and_fetches_nothing(site):
     pytest.importorskip("zensical")
     done = subprocess.run(
         [str(Path(sys.executable).with_name("zensical")), "build", "--strict"],

@@ -1,7 +1,5 @@
 """Amplitudes, phases and combined uncertainties."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -17,7 +15,7 @@ from hdbench.records import Quantity
 
 
 @given(st.floats(0.01, 100.0), st.floats(-3.1, 3.1), st.floats(0.1, 9.0))
-def test_amplitude_and_phase_are_put_back(amplitude: float, phase: float, order: float) -> None:
+def test_amplitude_and_phase_are_put_back(amplitude, phase, order):
     angle = np.linspace(0.0, 60.0, 400)
     signal = amplitude * np.cos(order * angle + phase)
     found = harmonic_at(ordinary_fit(harmonic_columns(angle, [order]), signal), 0)
@@ -26,7 +24,7 @@ def test_amplitude_and_phase_are_put_back(amplitude: float, phase: float, order:
     assert math.remainder(found.phase.value - phase, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_uncertainties_are_those_of_the_cramer_rao_bound() -> None:
+def test_uncertainties_are_those_of_the_cramer_rao_bound():
     n, std = 10_000, 0.05
     angle = np.linspace(0.0, 400.0, n)
     noise = std * np.random.default_rng(1).normal(size=n)
@@ -37,7 +35,7 @@ def test_uncertainties_are_those_of_the_cramer_rao_bound() -> None:
     assert found.phase.std == pytest.approx(std * math.sqrt(2.0 / n) / 0.4, rel=0.03)
 
 
-def test_an_amplitude_within_the_noise_says_so() -> None:
+def test_an_amplitude_within_the_noise_says_so():
     angle = np.linspace(0.0, 400.0, 2000)
     noise = np.random.default_rng(2).normal(size=2000)
     found = harmonic_at(ordinary_fit(harmonic_columns(angle, [2.0]), noise), 0)
@@ -47,12 +45,12 @@ def test_an_amplitude_within_the_noise_says_so() -> None:
     assert found.amplitude.std == pytest.approx(math.sqrt(2.0 / 2000), rel=0.1)
 
 
-def test_a_known_part_alone_stays_known() -> None:
+def test_a_known_part_alone_stays_known():
     assert combine((3.0, None), (4.0, None)) == (5.0, None)
 
 
 @given(st.floats(1.0, 200.0))
-def test_one_part_keeps_its_dof(dof: float) -> None:
+def test_one_part_keeps_its_dof(dof):
     std, combined = combine((0.7, dof), (0.0, None))
     # a sum of squares and its root: rounding
     assert std == pytest.approx(0.7, rel=1e-12)
@@ -61,9 +59,7 @@ def test_one_part_keeps_its_dof(dof: float) -> None:
 
 
 @given(st.floats(1e-3, 1e3), st.floats(1.0, 60.0), st.floats(1.0, 60.0))
-def test_interval_is_the_root_sum_of_squares_of_the_intervals(
-    ratio: float, dof_1: float, dof_2: float
-) -> None:
+def test_interval_is_the_root_sum_of_squares_of_the_intervals(ratio, dof_1, dof_2):
     std, dof = combine((1.0, dof_1), (ratio, dof_2))
     assert dof is not None
     expected = math.hypot(student.ppf(0.975, dof_1), ratio * student.ppf(0.975, dof_2))
@@ -73,7 +69,7 @@ def test_interval_is_the_root_sum_of_squares_of_the_intervals(
 
 
 @pytest.mark.parametrize("ratio", [0.05, 0.3, 1.0])
-def test_intervals_of_a_gain_with_three_dof_beside_noise_cover(ratio: float) -> None:
+def test_intervals_of_a_gain_with_three_dof_beside_noise_cover(ratio):
     rng = np.random.default_rng(3)
     n_runs = 3000
     error = rng.normal(size=n_runs) + ratio * rng.normal(size=n_runs)

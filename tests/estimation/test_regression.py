@@ -1,10 +1,7 @@
 """Least squares with white and coloured noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from scipy.signal import lfilter
 from scipy.stats import binom
 from scipy.stats import t as student
@@ -24,18 +21,20 @@ def sinusoids(n: int) -> np.ndarray:
     return np.column_stack([np.ones(n), np.cos(angle), np.sin(angle)])
 
 
-def test_ordinary_fit_agrees_with_statsmodels() -> None:
+def test_ordinary_fit_agrees_with_statsmodels():
+    from statsmodels.regression.linear_model import OLS
+
     rng = np.random.default_rng(1)
     design = np.column_stack([np.ones(50), rng.normal(size=(50, 3)) * [1.0, 1e3, 1e-4]])
     response = design @ [1.0, -2e-3, 5.0, 0.3] + rng.normal(size=50)
-    ours, theirs = ordinary_fit(design, response), sm.OLS(response, design).fit()
+    ours, theirs = ordinary_fit(design, response), OLS(response, design).fit()
     # both solve by an orthogonal decomposition of a scaled design: 1e-9 is rounding with margin
     np.testing.assert_allclose(ours.coefficients, theirs.params, rtol=1e-9, atol=0)
     np.testing.assert_allclose(ours.covariance, theirs.cov_params(), rtol=1e-8, atol=1e-18)
     assert ours.dof == theirs.df_resid
 
 
-def test_missing_samples_do_not_enter() -> None:
+def test_missing_samples_do_not_enter():
     rng = np.random.default_rng(2)
     design, noise = sinusoids(80), rng.normal(size=80)
     response = design @ [1.0, 2.0, 3.0] + noise
@@ -48,22 +47,23 @@ def test_missing_samples_do_not_enter() -> None:
     assert np.isnan(fit.residual[holes]).all()
 
 
-def test_coloured_fit_agrees_with_generalised_least_squares_at_the_same_colour() -> None:
+def test_coloured_fit_agrees_with_generalised_least_squares_at_the_same_colour():
+    from statsmodels.regression.linear_model import GLS
+
     rng = np.random.default_rng(3)
     n = 400
     design = sinusoids(n)
     response = design @ [0.5, 1.0, -1.0] + ar1(rng, n, 0.8, 1.0)
     fit = coloured_fit(design, response, max_order=1)
-    assert fit.noise is not None
     a = float(fit.noise.coefficients[0])
     lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    theirs = sm.GLS(response, design, sigma=a**lag).fit()
+    theirs = GLS(response, design, sigma=a**lag).fit()
     # the same quadratic form, solved through a Cholesky factor there and through prediction here
     np.testing.assert_allclose(fit.coefficients, theirs.params, rtol=1e-9, atol=0)
     np.testing.assert_allclose(fit.covariance, theirs.cov_params(), rtol=1e-8, atol=1e-15)
 
 
-def test_covariance_of_coloured_fit_has_the_spread_of_repeated_records() -> None:
+def test_covariance_of_coloured_fit_has_the_spread_of_repeated_records():
     rng = np.random.default_rng(4)
     design = sinusoids(4000)
     fits = [coloured_fit(design, ar1(rng, 4000, 0.9, 1.0)) for _ in range(80)]
@@ -73,7 +73,7 @@ def test_covariance_of_coloured_fit_has_the_spread_of_repeated_records() -> None
     np.testing.assert_allclose(z2, 1.0, rtol=0, atol=0.7)
 
 
-def test_white_noise_would_be_too_narrow_here() -> None:
+def test_white_noise_would_be_too_narrow_here():
     rng = np.random.default_rng(5)
     design = sinusoids(600)
     fits = [ordinary_fit(design, ar1(rng, 600, 0.9, 1.0)) for _ in range(60)]
@@ -83,7 +83,7 @@ def test_white_noise_would_be_too_narrow_here() -> None:
 
 
 @pytest.mark.parametrize("a", [0.0, 0.9])
-def test_intervals_cover_the_truth(a: float) -> None:
+def test_intervals_cover_the_truth(a):
     rng = np.random.default_rng(6)
     design, truth, n_runs, hits = sinusoids(4000), np.array([0.2, 0.4, -0.1]), 100, np.zeros(3)
     for _ in range(n_runs):
@@ -95,7 +95,7 @@ def test_intervals_cover_the_truth(a: float) -> None:
     assert np.all((low <= hits) & (hits <= high)), hits
 
 
-def test_dof_are_those_of_the_density_at_low_frequency() -> None:
+def test_dof_are_those_of_the_density_at_low_frequency():
     rng = np.random.default_rng(7)
     fit = coloured_fit(sinusoids(20_000), ar1(rng, 20_000, 0.9, 1.0), max_order=1)
     # 2 / (2 / n + 4 (1 + a) / (1 - a) / n) = n / 39 at a = 0.9; the coefficient is known to
@@ -103,7 +103,7 @@ def test_dof_are_those_of_the_density_at_low_frequency() -> None:
     assert fit.dof == pytest.approx(20_000 / 39.0, rel=0.13)
 
 
-def test_a_residual_of_rounding_keeps_the_ordinary_fit() -> None:
+def test_a_residual_of_rounding_keeps_the_ordinary_fit():
     design = sinusoids(100)
     fit = coloured_fit(design, design @ [1.0, 2.0, 3.0])
     assert fit.noise is None
@@ -119,11 +119,11 @@ def test_a_residual_of_rounding_keeps_the_ordinary_fit() -> None:
         (np.ones((10, 12)), "need more samples"),
     ],
 )
-def test_a_design_without_a_solution_is_refused(design: np.ndarray, text: str) -> None:
+def test_a_design_without_a_solution_is_refused(design, text):
     with pytest.raises(ValueError, match=text):
         ordinary_fit(design, np.arange(10.0))
 
 
-def test_shapes_that_differ_are_refused_by_their_shapes() -> None:
+def test_shapes_that_differ_are_refused_by_their_shapes():
     with pytest.raises(ValueError, match=r"design \(10, 1\) and response \(9,\)"):
         ordinary_fit(np.ones((10, 1)), np.ones(9))

@@ -1,7 +1,5 @@
 """Lines, spectra, stretches and the order of a component."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -30,7 +28,7 @@ def fitted(signal: np.ndarray, angle: np.ndarray, time: np.ndarray):
     )
 
 
-def test_false_alarm_probability_is_that_of_white_noise() -> None:
+def test_false_alarm_probability_is_that_of_white_noise():
     rng = np.random.default_rng(1)
     n_runs, cycles = 300, np.arange(1000) * DT
     found = [strongest_line(rng.normal(size=1000), cycles, "frequency") for _ in range(n_runs)]
@@ -41,7 +39,7 @@ def test_false_alarm_probability_is_that_of_white_noise() -> None:
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
-def test_an_order_and_a_tone_are_each_named_in_their_own_domain(colour: float) -> None:
+def test_an_order_and_a_tone_are_each_named_in_their_own_domain(colour):
     rng = np.random.default_rng(2)
     n = 6000
     angle, time = ramp_angle(n), np.arange(n) * DT
@@ -57,7 +55,7 @@ def test_an_order_and_a_tone_are_each_named_in_their_own_domain(colour: float) -
 
 
 @pytest.mark.parametrize("order", [1.0, 3.0, 6.37])
-def test_an_order_through_reversals_is_one_line_at_its_place(order: float) -> None:
+def test_an_order_through_reversals_is_one_line_at_its_place(order):
     rng = np.random.default_rng(6)
     n = 12_000
     time = np.arange(n) * DT
@@ -69,12 +67,11 @@ def test_an_order_through_reversals_is_one_line_at_its_place(order: float) -> No
     assert line.domain == "motor-order"
     # Cramer-Rao: sqrt(24 / n) sigma / (A 2 pi span) = 3e-5 of an order for 73 turns; five of them
     assert line.location == pytest.approx(order, abs=1.5e-4)
-    assert line.component is not None
     # sigma sqrt(2 / n) = 0.65 mN m; five of them
     assert line.component.amplitude.value == pytest.approx(0.2, abs=3.3e-3)
 
 
-def test_at_constant_velocity_order_and_tone_are_said_to_be_alike() -> None:
+def test_at_constant_velocity_order_and_tone_are_said_to_be_alike():
     rng = np.random.default_rng(3)
     n = 5000
     time = np.arange(n) * DT
@@ -87,7 +84,7 @@ def test_at_constant_velocity_order_and_tone_are_said_to_be_alike() -> None:
     assert line.equivalent == pytest.approx(3.3 * 80.0 / (2.0 * np.pi), abs=1e-2)
 
 
-def test_line_frequencies_are_refined_between_bins() -> None:
+def test_line_frequencies_are_refined_between_bins():
     rng = np.random.default_rng(4)
     n = 4096
     index = np.arange(n)
@@ -97,7 +94,7 @@ def test_line_frequencies_are_refined_between_bins() -> None:
     np.testing.assert_allclose(found, [0.1234567], rtol=0, atol=1.6e-5)
 
 
-def test_spectrum_reads_the_amplitude_and_the_noise_density() -> None:
+def test_spectrum_reads_the_amplitude_and_the_noise_density():
     rng = np.random.default_rng(5)
     time = np.arange(4000) * DT
     signal = 0.4 * np.cos(2.0 * np.pi * 49.7 * time + 1.0) + 0.05 * rng.normal(size=4000)
@@ -112,7 +109,7 @@ def test_spectrum_reads_the_amplitude_and_the_noise_density() -> None:
     assert np.mean(spectrum.power_density[quiet]) == pytest.approx(2.0 * 0.05**2 * DT, rel=0.1)
 
 
-def test_a_steady_run_per_direction_leaves_out_the_settling_time() -> None:
+def test_a_steady_run_per_direction_leaves_out_the_settling_time():
     velocity = np.concatenate([np.zeros(500), np.full(3000, 60.0), np.full(3000, -60.0)])
     time = np.arange(len(velocity)) * DT
     forth, back = steady_runs(time, velocity, settle_s=0.5, tolerance=0.02)
@@ -122,24 +119,23 @@ def test_a_steady_run_per_direction_leaves_out_the_settling_time() -> None:
     assert back.velocity_rad_s == pytest.approx(-60.0, rel=1e-3)
 
 
-def test_the_longest_steady_stretch_is_found_between_ramps() -> None:
+def test_the_longest_steady_stretch_is_found_between_ramps():
     ramp = np.linspace(0.0, 150.0, 1000)
     velocity = np.concatenate([ramp, np.full(700, 150.0), ramp[::-1], ramp, np.full(1500, 150.0)])
     time = np.arange(len(velocity)) * DT
     found = longest_steady(time, velocity, np.ones(len(time), dtype=bool), tolerance=0.01)
-    assert found is not None
     # half of the 0.1 s smoothing, and the search step
     assert found.from_s == pytest.approx(3.7, abs=0.06)
     assert found.to_s == pytest.approx(5.2, abs=0.06)
 
 
-def test_no_steady_stretch_in_a_sweep() -> None:
+def test_no_steady_stretch_in_a_sweep():
     velocity = np.linspace(10.0, 150.0, 3000)
     time = np.arange(3000) * DT
     assert longest_steady(time, velocity, np.ones(3000, dtype=bool), tolerance=0.001) is None
 
 
-def test_a_trend_is_chosen_only_where_there_is_one() -> None:
+def test_a_trend_is_chosen_only_where_there_is_one():
     rng = np.random.default_rng(6)
     n = 4000
     time = np.arange(n) * DT
@@ -151,6 +147,6 @@ def test_a_trend_is_chosen_only_where_there_is_one() -> None:
     assert bent.degree >= 2
 
 
-def test_gaps_in_time_start_a_new_stretch() -> None:
+def test_gaps_in_time_start_a_new_stretch():
     time = np.array([0.0, 0.001, 0.002, 0.003, 0.010, 0.011])
     assert np.flatnonzero(stretch_starts(time)).tolist() == [4]

@@ -1,12 +1,9 @@
 """Coloured noise as an autoregression."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
-from statsmodels.regression.linear_model import burg
 
 from hdbench.estimation.regression import fit_noise, run_positions, whiten
 
@@ -16,7 +13,9 @@ def coloured(seed: int, n: int, poles: tuple[float, ...]) -> np.ndarray:
     return np.asarray(lfilter([1.0], np.poly(poles), drive))[500:]
 
 
-def test_coefficients_agree_with_statsmodels_burg() -> None:
+def test_coefficients_agree_with_statsmodels_burg():
+    from statsmodels.regression.linear_model import burg
+
     series = coloured(1, 3000, (0.9, -0.5, 0.3))
     model = fit_noise(series, max_order=3, keep_lines=False)
     rho, _ = burg(series, order=3, demean=False)
@@ -29,18 +28,18 @@ def test_coefficients_agree_with_statsmodels_burg() -> None:
     assert model.innovation_std**2 == pytest.approx(float(np.mean(error**2)), rel=5e-3)
 
 
-def test_bic_finds_the_order_of_a_known_process() -> None:
+def test_bic_finds_the_order_of_a_known_process():
     orders = [fit_noise(coloured(seed, 4000, (0.8, 0.5))).order for seed in range(20)]
     # BIC adds a parameter with probability P(chi2_1 > ln 4000 = 8.3) = 0.4 % per further order:
     # more than 3 of 20 records with any of the next few is below 1e-4
     assert sum(order != 2 for order in orders) <= 3
 
 
-def test_white_noise_has_order_zero() -> None:
+def test_white_noise_has_order_zero():
     assert fit_noise(coloured(3, 5000, ())).order == 0
 
 
-def test_spectrum_is_that_of_the_process() -> None:
+def test_spectrum_is_that_of_the_process():
     model = fit_noise(coloured(4, 100_000, (0.9,)))
     frequency = np.array([0.0, 50.0, 200.0, 500.0])
     turn = np.exp(-2j * np.pi * frequency * 1e-3)
@@ -50,7 +49,7 @@ def test_spectrum_is_that_of_the_process() -> None:
     np.testing.assert_allclose(model.spectrum(frequency, 1e-3), expected, rtol=0.11, atol=0)
 
 
-def test_density_variance_of_a_first_order_process_has_its_closed_form() -> None:
+def test_density_variance_of_a_first_order_process_has_its_closed_form():
     model = fit_noise(coloured(4, 50_000, (0.9,)), max_order=1)
     a = float(model.coefficients[0])
     # at zero frequency: (2 / (1 - a))^2 (1 - a^2) / n
@@ -59,7 +58,7 @@ def test_density_variance_of_a_first_order_process_has_its_closed_form() -> None
     assert model.density_variance == pytest.approx(expected, rel=1e-3)
 
 
-def test_whitening_equals_the_cholesky_factor_of_the_covariance() -> None:
+def test_whitening_equals_the_cholesky_factor_of_the_covariance():
     model = fit_noise(coloured(5, 2000, (0.9,)), max_order=1)
     a, std = float(model.coefficients[0]), model.innovation_std
     n = 40
@@ -72,7 +71,7 @@ def test_whitening_equals_the_cholesky_factor_of_the_covariance() -> None:
     )
 
 
-def test_a_gap_splits_the_record() -> None:
+def test_a_gap_splits_the_record():
     series = coloured(7, 1000, (0.9, 0.4))
     model = fit_noise(series)
     valid = np.ones(1000, dtype=bool)
@@ -83,7 +82,7 @@ def test_a_gap_splits_the_record() -> None:
     np.testing.assert_allclose(white, apart, rtol=1e-12, atol=1e-12)
 
 
-def test_a_new_stretch_starts_anew() -> None:
+def test_a_new_stretch_starts_anew():
     series = coloured(8, 300, (0.9,))
     model = fit_noise(series)
     starts = np.zeros(300, dtype=bool)
@@ -94,13 +93,13 @@ def test_a_new_stretch_starts_anew() -> None:
     np.testing.assert_allclose(white, apart, rtol=1e-12, atol=1e-12)
 
 
-def test_run_positions_count_within_runs() -> None:
+def test_run_positions_count_within_runs():
     valid = np.array([1, 1, 0, 1, 1, 1], dtype=bool)
     starts = np.array([0, 0, 0, 0, 0, 1], dtype=bool)
     assert run_positions(valid, starts).tolist() == [0, 1, -1, 0, 1, 0]
 
 
-def test_whitened_noise_is_white() -> None:
+def test_whitened_noise_is_white():
     series = coloured(9, 20_000, (0.95, 0.6, -0.7))
     white = whiten(series, fit_noise(series))
     lags = np.array([white[k:] @ white[:-k] for k in range(1, 21)]) / (white @ white)
@@ -108,7 +107,7 @@ def test_whitened_noise_is_white() -> None:
     assert len(white) * float((lags**2).sum()) < chi2.ppf(0.999, 20)
 
 
-def test_a_strong_line_is_not_swallowed_by_the_noise_model() -> None:
+def test_a_strong_line_is_not_swallowed_by_the_noise_model():
     noise = coloured(10, 20_000, (0.9,))
     line = 5.0 * np.cos(0.123 * np.arange(20_000) + 1.0)
     kept, clean = fit_noise(noise + line), fit_noise(noise)
@@ -120,6 +119,6 @@ def test_a_strong_line_is_not_swallowed_by_the_noise_model() -> None:
     assert float(swallowed.spectrum(at_line, 1.0)[0]) > 3.0 * float(clean.spectrum(at_line, 1.0)[0])
 
 
-def test_a_record_of_zeros_is_refused() -> None:
+def test_a_record_of_zeros_is_refused():
     with pytest.raises(ValueError, match="not all zero"):
         fit_noise(np.zeros(100))

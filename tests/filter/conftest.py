@@ -1,7 +1,5 @@
 """Fixtures of the filter's tests: the bench, and both kernel forms."""
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from pathlib import Path
@@ -11,8 +9,8 @@ import pytest
 from hdbench.filter.kalman import kernel_form
 from hdbench.profile.schema import ProfileData
 
-# filter_oracle, tuning_campaign
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "tools")]
+# tuning_campaign
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
 PROFILE = Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml"
 

@@ -1,7 +1,5 @@
 """Equations 5-10 of the report as they stand, with dense matrices: no code of the product."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

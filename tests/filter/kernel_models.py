@@ -1,10 +1,9 @@
 """Filter models and samples for the kernel's tests, and the kernel called with a model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
+from filter_oracle import motion
 
 from hdbench.filter import FilterModel, OscillatorBlock, SlowBlock, kalman
 
@@ -85,14 +84,8 @@ def louder(model, factor):
 
 
 def samples(n=1500, seed=1, missing=True):
-    """Return time, velocity, torque: uneven, with reversals, standstill, gaps and an outlier."""
-    rng = np.random.default_rng(seed)
-    t = np.cumsum(rng.uniform(0.7e-3, 1.3e-3, n))
-    v = 156.0 * np.sin(2.0 * np.pi * 1.3 * t)
-    v[n // 4 : n // 4 + n // 8] = 0.0
-    angle = np.concatenate([[0.0], np.cumsum(v[:-1] * np.diff(t))])
-    y = 2.0 + 0.4 * np.cos(2.0 * angle + 0.6) + 0.9 * np.cos(angle / 100.0 + 0.3)
-    y += rng.normal(0.0, 0.05, n)
+    """Return time, velocity, torque of the oracle's motion, with gaps and an outlier."""
+    t, v, y, _ = motion(n, seed)
     if missing:
         y[n // 2 : n // 2 + 20] = np.nan
         v[n // 2 + 10 : n // 2 + 30] = np.nan

@@ -1,7 +1,5 @@
 """Filters side by side: what each takes, keeps and costs; the low-pass beside them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,12 +9,7 @@ from numpy.testing import assert_allclose
 from tuning_traces import channels, turning
 
 from hdbench.errors import DataError
-from hdbench.filter import (
-    SlowBlock,
-    butterworth_lowpass,
-    preset,
-    transfer_at_steady_speed,
-)
+from hdbench.filter import SlowBlock, butterworth_lowpass, preset, transfer_at_steady_speed
 from hdbench.filter.comparison import compare_filters
 
 TUNED = filter_model(

@@ -1,7 +1,5 @@
 """Exported source: builds without a warning, answers as the host, here and on a Cortex-M4F."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -12,15 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from kernel_models import KINDS, new_state, run, slow_block
 
 from hdbench.errors import DataError, StorageError
 from hdbench.filter import OscillatorBlock, SlowBlock, preset
 from hdbench.filter.firmware import export_firmware
 from hdbench.filter.model import FilterModel
-from hdbench_cli.commands.export import command
-from hdbench_cli.output import Output
 
 PERIOD = 1e-3
 needs_compiler = pytest.mark.skipif(
@@ -198,13 +193,8 @@ def test_a_folder_that_cannot_be_written_is_a_storage_fault(bench, tmp_path):
         )
 
 
-def test_the_command_writes_a_folder_and_one_json_object(tmp_path):
-    output = Output()
-    output.json = True
-    said = CliRunner().invoke(
-        command, ["--model", "report-a1", "--out", str(tmp_path / "fw")], obj=output
-    )
-    assert said.exit_code == 0, said.output
-    body = json.loads(said.output)
+def test_the_command_writes_a_folder_and_one_json_object(tmp_path, hdbench):
+    words = ("export", "--model", "report-a1", "--out", tmp_path / "fw", "--json")
+    body = json.loads(hdbench(*words)[0])
     assert body["schema"] == "hdbench/export/1"
     assert set(body["files"]) == set(os.listdir(tmp_path / "fw"))

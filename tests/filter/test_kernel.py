@@ -1,7 +1,5 @@
 """The compiled kernel: beside the NumPy form, its checks of arrays, and how a form is chosen."""
 
-from __future__ import annotations
-
 import math
 import threading
 from dataclasses import fields

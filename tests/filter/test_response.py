@@ -1,18 +1,17 @@
 """Response of a filter, by algebra and by the running filter."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 from kernel_models import filter_model
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag, solve_discrete_are
 from tuning_traces import tuned_like
 
 from hdbench.errors import DataError
 from hdbench.filter import OnlineFilter, OscillatorBlock, preset
-from hdbench.filter.response import _geometric_sum, filter_response, inject, steady_filter
+from hdbench.filter.response import filter_response, inject, steady_filter
 
 PERIOD = 1e-3
 
@@ -94,29 +93,14 @@ def test_the_steady_covariance_solves_the_riccati_equation(bench):
         p = steady.covariance
         assert (np.linalg.eigvalsh(p) > -1e-12).all()
         assert np.array_equal(p, p.T)
-    from scipy.linalg import solve_discrete_are
-
     model = preset("report-6", bench)
     turns = [b.order * 100.0 * PERIOD for b in model.blocks]
-    phi, c = np.zeros((6, 6)), np.zeros((1, 6))
-    c[0, ::2] = 1.0
-    for i, a in enumerate(turns):
-        phi[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [
-            [math.cos(a), math.sin(a)],
-            [-math.sin(a), math.cos(a)],
-        ]
+    c = np.array([[1.0, 0.0] * 3])
+    phi = block_diag(*([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]] for a in turns))
     q = np.diag(np.repeat([b.process_noise for b in model.blocks], 2))
     wanted = solve_discrete_are(phi.T, c.T, q, np.eye(1))
     # two solvers; the equation's own conditioning
     assert_allclose(steady_filter(model, 100.0, PERIOD).covariance, wanted, rtol=1e-6)
-
-
-def test_the_geometric_sum_solves_its_equation():
-    a = np.array([[0.9, 0.3], [0.0, 0.999]])
-    q = np.array([[1.0, 0.2], [0.2, 2.0]])
-    x = _geometric_sum(a, q)
-    # rounding of a sum of thousands of terms
-    assert_allclose(a @ x @ a.T + q, x, rtol=1e-10)
 
 
 def test_the_settling_time_is_that_of_the_step_of_a_notch(bench):

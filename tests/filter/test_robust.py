@@ -1,7 +1,5 @@
 """Online behaviour of tuned models: standstill, reversal, gaps, faults, amplitudes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -210,7 +208,7 @@ def filtered(seed: int) -> tuple[OnlineFilter, float, float]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_amplitudes_are_those_of_the_signal_within_their_own_uncertainty(seed: int) -> None:
+def test_amplitudes_are_those_of_the_signal_within_their_own_uncertainty(seed):
     online, second, fourth = filtered(seed)
     found = block_amplitudes(MODEL, online.state())
     assert [a.block.order for a in found] == [2.0, 4.0]
@@ -220,8 +218,3 @@ def test_amplitudes_are_those_of_the_signal_within_their_own_uncertainty(seed: i
         # 8000 samples of 0.05 N m fix an amplitude to 0.05 sqrt(2 / 8000) if nothing changed;
         # the walk of the states leaves less than a fifth of the noise
         assert 0.05 * np.sqrt(2 / 8000) < amplitude.std_nm < 0.01
-
-
-def test_a_filter_that_has_seen_nothing_has_no_amplitude() -> None:
-    for amplitude in block_amplitudes(MODEL, OnlineFilter(MODEL).state()):
-        assert amplitude.amplitude_nm == 0.0

@@ -1,7 +1,5 @@
 """Order tracking: amplitude and phase over time, order spectrum, order map."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,5 @@
 """Blocks of any split, restarts, gaps and lost samples; stored traces and their channels."""
 
-from __future__ import annotations
-
-import dataclasses
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,13 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tuning_traces import GUARDED
 
 from hdbench.errors import DataError
-from hdbench.filter import (
-    FilteredBlock,
-    OnlineFilter,
-    OscillatorBlock,
-    filter_trace,
-    preset,
-)
+from hdbench.filter import FilteredBlock, OnlineFilter, OscillatorBlock, filter_trace, preset
 from hdbench.filter.kalman import kernel_form
 from hdbench.records import Trace
 
@@ -231,7 +222,7 @@ def test_the_tacho_serves_where_there_is_no_velocity(bench):
 
 
 def test_angle_or_encoder_serves_where_the_model_asks_for_it(bench):
-    model = dataclasses.replace(preset("report-6", bench), use_measured_angle=True)
+    model = replace(preset("report-6", bench), use_measured_angle=True)
     count = np.round(np.linspace(0.0, 9000.0, 300))
     angle = count * (2.0 * np.pi / 4000)
     by_angle = filter_trace(trace(motor_angle_rad=angle), model, velocity_gain_rad_s_per_v=GAIN)

@@ -1,7 +1,5 @@
 """Tuning: noise by maximum likelihood, and what it says when the data are silent."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Traces and models for the tests of tuning."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

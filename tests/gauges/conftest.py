@@ -1,17 +1,10 @@
-"""Makes the helpers beside the tests importable, and the report's bench."""
-
-from __future__ import annotations
-
-import sys
-from pathlib import Path
+"""The report's bench and others like it."""
 
 import pytest
 
 from hdbench.gauges import GaugedBench, GridGeometry, StrainField, Wave, gauged_bench, layout_named
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ProfileData
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")

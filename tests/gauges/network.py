@@ -1,7 +1,5 @@
 """A resistor network solved by its node voltages: knows no bridge formula."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

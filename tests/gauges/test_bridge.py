@@ -1,7 +1,5 @@
 """The bridge against a network of resistors and against published numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from network import bridge_output
@@ -10,7 +8,7 @@ from hdbench.gauges import PlacementErrors, bridge_ratio, grid_strain, torque_re
 
 
 @pytest.mark.parametrize("rosettes", [2, 4])
-def test_the_bridge_equals_a_resistor_network_solved_by_its_nodes(rosettes: int) -> None:
+def test_the_bridge_equals_a_resistor_network_solved_by_its_nodes(rosettes):
     # strains to 20 %: the nonlinear terms must agree too; 1e-12 is the linear solve's rounding
     rng = np.random.default_rng(3)
     for _ in range(20):
@@ -19,21 +17,21 @@ def test_the_bridge_equals_a_resistor_network_solved_by_its_nodes(rosettes: int)
         assert 10.0 * bridge_ratio(strain, 2.0) == pytest.approx(expected, abs=1e-12)
 
 
-def test_torsion_alone_gives_the_strain_times_the_gauge_factor_without_nonlinearity() -> None:
+def test_torsion_alone_gives_the_strain_times_the_gauge_factor_without_nonlinearity():
     # +e and -e in every pair: Vo/Vex = k e exactly, here at 303 microstrain and at 10 %
     for strain in (303e-6, 0.1):
         pair = np.array([[strain, -strain]] * 4)
         assert bridge_ratio(pair, 2.0) == pytest.approx(2.0 * strain, rel=1e-14)
 
 
-def test_one_active_gauge_has_the_quarter_bridge_error() -> None:
+def test_one_active_gauge_has_the_quarter_bridge_error():
     # (k e / 4) / (1 + k e / 2): -0.1 % at 1000 microstrain
     strain = np.array([[1000e-6, 0.0], [0.0, 0.0]])
     linear = 2.0 * 1000e-6 / 4.0
     assert bridge_ratio(strain, 2.0) / linear - 1.0 == pytest.approx(-0.001, abs=2e-6)
 
 
-def test_rated_torque_of_the_report_is_0_60606_mv_per_v_and_303_microstrain(report, bench) -> None:
+def test_rated_torque_of_the_report_is_0_60606_mv_per_v_and_303_microstrain(report, bench):
     gauged = bench()
     assert 40.0 * gauged.field.torsion_per_nm == pytest.approx(303.03e-6, rel=1e-4)
     strain = grid_strain(
@@ -44,12 +42,12 @@ def test_rated_torque_of_the_report_is_0_60606_mv_per_v_and_303_microstrain(repo
     assert torque_reading(strain, report.sensor)[0, 0] == pytest.approx(40.0, rel=1e-3)
 
 
-def test_an_odd_number_of_rosettes_is_refused() -> None:
+def test_an_odd_number_of_rosettes_is_refused():
     with pytest.raises(ValueError, match="even number"):
         bridge_ratio(np.zeros((3, 2)), 2.0)
 
 
-def test_the_pair_difference_is_the_reports_equation_2(bench) -> None:
+def test_the_pair_difference_is_the_reports_equation_2(bench):
     gauged = bench()
     beta = np.linspace(0.0, np.pi, 9)
     strain = grid_strain(

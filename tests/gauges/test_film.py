@@ -1,12 +1,9 @@
 """The film: sizes of both files measured by tools of others, refusals, nothing half written."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import math
 import re
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -116,9 +113,7 @@ def wrong_sizes(asked: FilmRequest, paths: list[Points]) -> dict[str, float]:
 
 @pytest.mark.parametrize("mirror", [False, True])
 @pytest.mark.parametrize(("layout", "sheet"), [("four", "a4"), ("two", "letter"), ("spread", "a3")])
-def test_every_size_of_both_files_is_as_asked(
-    layout: str, sheet: str, mirror: bool, tmp_path: Path
-) -> None:
+def test_every_size_of_both_files_is_as_asked(layout, sheet, mirror, tmp_path):
     asked = request(layout=layout_named(layout), sheet=sheet, mirror=mirror)
     film = write_film(asked, tmp_path / "film.pdf")
     for found, paths in (pdf_paths(film.pdf.read_bytes()), svg_paths(film.svg.read_bytes())):
@@ -136,7 +131,7 @@ def test_every_size_of_both_files_is_as_asked(
     assert any(name.startswith("grid") for name in wrong_sizes(turned_round, paths))
 
 
-def test_a_large_flexspline_with_small_grids_measures_right_too(tmp_path: Path) -> None:
+def test_a_large_flexspline_with_small_grids_measures_right_too(tmp_path):
     # the turn of a grid is measured at the rosette's radius: digits count most here
     asked = FilmRequest(230.0, 150.0, GridGeometry(100.0, 1.5), (6.0, 8.0), (0.5, 0.5), sheet="a3")
     film = write_film(asked, tmp_path / "film.pdf")
@@ -144,7 +139,7 @@ def test_a_large_flexspline_with_small_grids_measures_right_too(tmp_path: Path) 
         assert wrong_sizes(asked, paths) == {}
 
 
-def test_the_same_film_has_the_same_bytes_and_says_its_sizes(tmp_path: Path) -> None:
+def test_the_same_film_has_the_same_bytes_and_says_its_sizes(tmp_path):
     first, second = (write_film(request(), tmp_path / f"{n}.pdf") for n in "ab")
     assert first.pdf.read_bytes() == second.pdf.read_bytes()
     assert first.svg.read_bytes() == second.svg.read_bytes()
@@ -169,7 +164,7 @@ def test_the_same_film_has_the_same_bytes_and_says_its_sizes(tmp_path: Path) -> 
         ({"diameter_mm": 150.0, "boss_mm": 20.0}, "--sheet"),
     ],
 )
-def test_what_does_not_fit_is_named_with_its_option(changes, where: str) -> None:
+def test_what_does_not_fit_is_named_with_its_option(changes, where):
     with pytest.raises(UsageError) as caught:
         request(**changes)
     problems = caught.value.problems or (caught.value,)
@@ -177,6 +172,6 @@ def test_what_does_not_fit_is_named_with_its_option(changes, where: str) -> None
     assert all("needed" in problem.what for problem in problems)
 
 
-def test_a_name_that_is_no_pdf_is_refused(tmp_path: Path) -> None:
+def test_a_name_that_is_no_pdf_is_refused(tmp_path):
     with pytest.raises(UsageError, match=r"\.pdf"):
         write_film(request(), tmp_path / "film.png")

@@ -1,7 +1,5 @@
 """Effects of a misplaced rosette, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -35,7 +33,7 @@ def off(count: int, **kinds: float) -> PlacementErrors:
 
 
 @pytest.mark.parametrize("degrees", [0.5, 1.0, 2.0, 10.0])
-def test_one_wrong_rosette_of_two_leaves_a_sin_delta(bench, degrees: float) -> None:
+def test_one_wrong_rosette_of_two_leaves_a_sin_delta(bench, degrees):
     gauged = bench("two")
     # A: strain of a pair, 200 microstrain, read as torsion of 2 x 7.5758 microstrain per N m
     amplitude = 200e-6 / (2.0 * 303.030303e-6 / 40.0)
@@ -46,7 +44,7 @@ def test_one_wrong_rosette_of_two_leaves_a_sin_delta(bench, degrees: float) -> N
 
 
 @pytest.mark.parametrize("degrees", [0.5, 1.0, 2.0, 10.0])
-def test_one_wrong_rosette_of_the_reports_four_leaves_half_of_it(bench, degrees: float) -> None:
+def test_one_wrong_rosette_of_the_reports_four_leaves_half_of_it(bench, degrees):
     gauged = bench("four")
     found = placement_effects(gauged, off(4, circumferential=math.radians(degrees)))
     expected = 13.2 * math.sin(math.radians(degrees)) / 2.0
@@ -54,7 +52,7 @@ def test_one_wrong_rosette_of_the_reports_four_leaves_half_of_it(bench, degrees:
 
 
 @pytest.mark.parametrize("layout", ["two", "four", "spread"])
-def test_the_closed_form_holds_for_every_layout_that_cancels(bench, layout: str) -> None:
+def test_the_closed_form_holds_for_every_layout_that_cancels(bench, layout):
     gauged = bench(layout, fourth=20e-6)
     count = len(gauged.layout.rosettes)
     delta = math.radians(3.0)
@@ -64,7 +62,7 @@ def test_the_closed_form_holds_for_every_layout_that_cancels(bench, layout: str)
     )
 
 
-def test_right_angles_cancel_order_2_and_keep_order_4() -> None:
+def test_right_angles_cancel_order_2_and_keep_order_4():
     for name in ("two", "four"):
         assert cancellation(LAYOUTS[name], 2.0) == pytest.approx(0.0, abs=1e-12)
         assert cancellation(LAYOUTS[name], 4.0) == pytest.approx(1.0, abs=1e-12)
@@ -72,7 +70,7 @@ def test_right_angles_cancel_order_2_and_keep_order_4() -> None:
     assert cancellation(LAYOUTS["spread"], 4.0) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_bridge_shows_what_the_phasors_say_of_order_4(bench) -> None:
+def test_the_bridge_shows_what_the_phasors_say_of_order_4(bench):
     fourth = 20e-6
     for name, left in (("two", 1.0), ("four", 1.0), ("spread", 0.0)):
         gauged = bench(name, second=0.0, fourth=fourth)
@@ -82,7 +80,7 @@ def test_the_bridge_shows_what_the_phasors_say_of_order_4(bench) -> None:
         assert found.ripple_2_nm[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_turned_rosette_is_as_bad_as_a_shifted_one_where_normal_equals_shear(bench) -> None:
+def test_a_turned_rosette_is_as_bad_as_a_shifted_one_where_normal_equals_shear(bench):
     # the report: "sensing inaccuracy similar to the circumferential positioning error"
     gauged = bench("four", normal=1.0)
     delta = math.radians(1.0)
@@ -94,20 +92,20 @@ def test_a_turned_rosette_is_as_bad_as_a_shifted_one_where_normal_equals_shear(b
     assert without == pytest.approx(13.2 / 4.0 * (1.0 - math.cos(2.0 * delta)), rel=0.05)
 
 
-def test_a_turned_rosette_loses_gain_as_cos_2_delta(bench) -> None:
+def test_a_turned_rosette_loses_gain_as_cos_2_delta(bench):
     gauged = bench("two", second=0.0)
     delta = math.radians(5.0)
     found = placement_effects(gauged, off(2, angular=delta))
     assert found.gain_change[0] == pytest.approx(0.5 * (math.cos(2.0 * delta) - 1.0), rel=1e-6)
 
 
-def test_a_rosette_too_far_out_sees_torsion_of_one_over_r_squared(bench) -> None:
+def test_a_rosette_too_far_out_sees_torsion_of_one_over_r_squared(bench):
     gauged = bench("two", second=0.0)
     found = placement_effects(gauged, off(2, radial=1.0))
     assert found.gain_change[0] == pytest.approx(0.5 * ((16.5 / 17.5) ** 2 - 1.0), rel=1e-6)
 
 
-def test_the_reversed_rosettes_take_the_zero_of_unequal_radii_away(bench) -> None:
+def test_the_reversed_rosettes_take_the_zero_of_unequal_radii_away(bench):
     # R5 and R6 "in the reverse position": the report's reason for four rosettes
     two = bench("two", spacing=3.6, assembly_strain=200e-6)
     four = bench("four", spacing=3.6, assembly_strain=200e-6)
@@ -119,7 +117,7 @@ def test_the_reversed_rosettes_take_the_zero_of_unequal_radii_away(bench) -> Non
     assert abs(zero_four) < 1e-9
 
 
-def test_the_same_seed_draws_the_same_and_another_one_within_the_interval(bench) -> None:
+def test_the_same_seed_draws_the_same_and_another_one_within_the_interval(bench):
     gauged, tolerance = bench("four"), Tolerance(0.2, 1.0, 1.0)
     first, again, other = (
         tabulate_errors(gauged, tolerance, draws=1000, seed=seed) for seed in (1, 1, 2)
@@ -131,7 +129,7 @@ def test_the_same_seed_draws_the_same_and_another_one_within_the_interval(bench)
             assert abs(q.value - r.value) <= 2.0 * (q.high - q.low) + 1e-12
 
 
-def test_the_scatter_of_small_circumferential_errors_is_that_of_the_sum_of_phasors(bench) -> None:
+def test_the_scatter_of_small_circumferential_errors_is_that_of_the_sum_of_phasors(bench):
     # linear for small errors: ripple = A/4 |sum of +- 2 delta_i|, drawn here on its own
     tolerance = Tolerance(0.0, 1.0, 0.0)
     table = tabulate_errors(bench("four"), tolerance, draws=6000, seed=5)
@@ -154,20 +152,20 @@ def test_the_scatter_of_small_circumferential_errors_is_that_of_the_sum_of_phaso
         ((math.inf, 1.0, 1.0), "--radial"),
     ],
 )
-def test_a_tolerance_out_of_its_domain_is_named(sizes: tuple[float, ...], where: str) -> None:
+def test_a_tolerance_out_of_its_domain_is_named(sizes, where):
     with pytest.raises(UsageError) as caught:
         Tolerance(*sizes)
     assert caught.value.where == where
 
 
-def test_too_few_draws_and_a_tolerance_that_reaches_the_axis_are_refused(bench) -> None:
+def test_too_few_draws_and_a_tolerance_that_reaches_the_axis_are_refused(bench):
     with pytest.raises(UsageError, match="99 %"):
         tabulate_errors(bench(), Tolerance(0.2, 1.0, 1.0), draws=99)
     with pytest.raises(UsageError, match="radial tolerance"):
         tabulate_errors(bench(), Tolerance(9.0, 1.0, 1.0))
 
 
-def test_a_film_off_centre_cancels_in_four_rosettes_and_not_in_two(bench) -> None:
+def test_a_film_off_centre_cancels_in_four_rosettes_and_not_in_two(bench):
     # first order in e/r, shear alone, strain growing with r: radii e cos and e sin, angles e/r sin
     # and -e/r cos, so A/2 e/r sqrt((cos - sin)^2 + 4 (cos + sin)^2) with two rosettes
     shift, towards = np.full(8, 0.2), np.arange(8) * np.pi / 4.0
@@ -183,7 +181,7 @@ def test_a_film_off_centre_cancels_in_four_rosettes_and_not_in_two(bench) -> Non
     assert found["four"].max() < 0.02 * found["two"].max()
 
 
-def test_a_shifted_film_moves_each_rosette_as_a_rigid_body(bench) -> None:
+def test_a_shifted_film_moves_each_rosette_as_a_rigid_body(bench):
     gauged = bench("four")
     errors = off_centre(gauged.layout, gauged.geometry, np.array([0.5]), np.array([0.0]))
     # towards the first rosette: it goes out, the third in, the others along the circumference

@@ -4,14 +4,12 @@ Formats whose library is not installed are skipped: `make formats`, a part of `m
 them all.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -28,7 +26,7 @@ from hdbench_cli.main import main
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 from import_fuzz import GOOD, MOST_MIB, run
-from import_samples import MAPS, SAMPLES, Signals, have, signals, write_sample
+from import_samples import MAPS, SAMPLES, have, signals, write_sample
 
 DATA = os.environ.get("HDBENCH_DATA")
 needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
@@ -45,11 +43,11 @@ def forms(*chosen: str) -> list[object]:
 
 def recipe(form: str, **more: object) -> Recipe:
     maps = dict(text.split("=", 1) for text in MAPS[form])
-    return Recipe(map=maps, joint="elbow" if form in JOINTS else None, **more)  # type: ignore[arg-type]
+    return Recipe(map=maps, joint="elbow" if form in JOINTS else None, **more)
 
 
 @pytest.mark.parametrize("form", forms())
-def test_every_format_gives_the_same_trace(form: str, tmp_path: Path) -> None:
+def test_every_format_gives_the_same_trace(form, tmp_path):
     file, out = write_sample(form, tmp_path), tmp_path / "out.csv"
     report = import_files(recipe(form), [file], out)
     trace, kept = read_trace(out), signals()
@@ -63,7 +61,7 @@ def test_every_format_gives_the_same_trace(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", forms())
-def test_a_file_that_was_cut_is_refused_and_nothing_is_left(form: str, tmp_path: Path) -> None:
+def test_a_file_that_was_cut_is_refused_and_nothing_is_left(form, tmp_path):
     chance = random.Random(7)
     file, out = write_sample(form, tmp_path), tmp_path / "out.csv"
     raw = file.read_bytes()
@@ -87,7 +85,7 @@ def test_a_file_that_was_cut_is_refused_and_nothing_is_left(form: str, tmp_path:
 
 
 @pytest.mark.parametrize("form", forms("text", "json", "npz", "mat5", "mat73", "mdf"))
-def test_mutated_files_are_imported_or_refused(form: str, tmp_path: Path) -> None:
+def test_mutated_files_are_imported_or_refused(form, tmp_path):
     # the whole campaign is tools/import_fuzz.py
     ends, memory, _ = run(form, 40, 3, tmp_path)
     assert set(ends) <= set(GOOD)
@@ -105,9 +103,7 @@ def test_mutated_files_are_imported_or_refused(form: str, tmp_path: Path) -> Non
     ],
     ids=["only-nan", "backwards", "no-row", "one-row"],
 )
-def test_channels_that_cannot_be_used_are_refused_in_every_format(
-    form: str, spoil: Callable[[Signals], Signals], word: str, tmp_path: Path
-) -> None:
+def test_channels_that_cannot_be_used_are_refused_in_every_format(form, spoil, word, tmp_path):
     if form in ("tdms", *JOINTS) and "back" in word:
         pytest.skip("a waveform has no times, and messages come in the order of theirs")
     kept = spoil(signals())
@@ -122,7 +118,7 @@ def test_channels_that_cannot_be_used_are_refused_in_every_format(
 
 
 @pytest.mark.parametrize("form", forms("mat5", "hdf5", "parquet", "tdms", "mdf", "db3"))
-def test_compiled_libraries_read_where_their_crash_is_an_error(form: str, tmp_path: Path) -> None:
+def test_compiled_libraries_read_where_their_crash_is_an_error(form, tmp_path):
     source = open_source(write_sample(form, tmp_path))
     assert isinstance(source, IsolatedSource)
     source.close()
@@ -148,9 +144,7 @@ def library(monkeypatch: pytest.MonkeyPatch, folder: Path, code: str) -> Path:
         ),
     ],
 )
-def test_a_library_that_ends_its_process_is_an_error_of_the_file(
-    code: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_library_that_ends_its_process_is_an_error_of_the_file(code, word, tmp_path, monkeypatch):
     file = library(monkeypatch, tmp_path, code)
     with pytest.raises(DataError, match=word):
         IsolatedSource(file, "NumPy file", "npz", "a_library", "none")
@@ -161,9 +155,7 @@ def test_a_library_that_ends_its_process_is_an_error_of_the_file(
 
 
 @pytest.mark.parametrize("path", [None, "", "/none"], ids=["memory", "no memory", "not reached"])
-def test_files_that_are_read_in_turns_keep_their_own_numbers(
-    path: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_that_are_read_in_turns_keep_their_own_numbers(path, tmp_path, monkeypatch):
     if path is not None:  # as on systems without memory for two processes
         monkeypatch.setattr(registry, "shared_memory", lambda _: nullcontext((b"", path)))
     rows, columns = 100_000, 20  # more than the memory for two processes takes of one piece
@@ -207,9 +199,7 @@ except ChildProcessError:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a fork is safe on Linux only")
-def test_a_process_of_one_thread_reads_by_a_fork_under_the_same_limits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_process_of_one_thread_reads_by_a_fork_under_the_same_limits(tmp_path, monkeypatch):
     file = library(monkeypatch, tmp_path, "bytearray(1 << 30)")
     paths = os.pathsep.join(path for path in sys.path if path)
     ran = subprocess.run(
@@ -224,9 +214,7 @@ def test_a_process_of_one_thread_reads_by_a_fork_under_the_same_limits(
     assert read == ["Fork time speed torque", "200 1.3", "no child is left"]
 
 
-def test_what_a_file_makes_its_library_do_stays_in_the_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_file_makes_its_library_do_stays_in_the_file(tmp_path, monkeypatch):
     code = (
         "import pickle, numpy.lib.format as f\n"
         "f.read_magic = lambda file: pickle.loads(b'cos\\nsystem\\n.')"
@@ -237,7 +225,7 @@ def test_what_a_file_makes_its_library_do_stays_in_the_file(
     end_reader()
 
 
-def test_a_formula_in_a_file_is_never_run(tmp_path: Path) -> None:
+def test_a_formula_in_a_file_is_never_run(tmp_path):
     asammdf = pytest.importorskip("asammdf")
     time = np.arange(5.0)
     plain = asammdf.Signal(time, time, name="torque", unit="Nm")
@@ -254,7 +242,7 @@ def test_a_formula_in_a_file_is_never_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "ending", [".npz", ".mat", ".h5", ".parquet", ".xlsx", ".tdms", ".mf4", ".db3"]
 )
-def test_ten_gigabytes_of_nothing_and_a_wrong_beginning(ending: str, tmp_path: Path) -> None:
+def test_ten_gigabytes_of_nothing_and_a_wrong_beginning(ending, tmp_path):
     sparse = tmp_path / f"x.{ending}"
     with sparse.open("wb") as file:
         file.truncate(10 << 30)
@@ -270,13 +258,9 @@ def test_ten_gigabytes_of_nothing_and_a_wrong_beginning(ending: str, tmp_path: P
     [
         ("time,torque,torque,speed\n0,1,2,3\n1,1,2,3\n", "means 2 channels"),
         ("time,tor\x07que,speed\n0,1,2\n1,1,2\n", "control character"),
-        ("time,torque,speed\n0,nan,1\n1,nan,1\n", "holds no number"),
-        ("time,torque,speed\n1,1,1\n0,1,1\n", "goes back"),
-        ("time,torque,speed\n", "no data"),
-        ("time,torque,speed\n0,1,1\n", "1 row"),
     ],
 )
-def test_channels_that_cannot_be_used_are_refused(text: str, word: str, tmp_path: Path) -> None:
+def test_names_that_cannot_be_used_are_refused(text, word, tmp_path):
     file = tmp_path / "log.csv"
     file.write_text(text)
     name = "tor\x07que" if "\x07" in text else "torque"
@@ -287,14 +271,14 @@ def test_channels_that_cannot_be_used_are_refused(text: str, word: str, tmp_path
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_column_of_remarks_without_a_remark_keeps_the_names(tmp_path: Path) -> None:
+def test_a_column_of_remarks_without_a_remark_keeps_the_names(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("time,torque,speed,remarks\n" + "".join(f"{k},1,2,\n" for k in range(9)))
     source = open_source(file, recipe("text").layout)
     assert [channel.name for channel in source.channels] == ["time", "torque", "speed", "remarks"]
 
 
-def test_a_pickle_in_a_numpy_file_is_never_opened(tmp_path: Path) -> None:
+def test_a_pickle_in_a_numpy_file_is_never_opened(tmp_path):
     file = tmp_path / "log.npz"
     np.savez(file, time=np.arange(3.0), torque=np.array([object()] * 3))
     with pytest.raises(DataError, match="never unpickled"):
@@ -308,7 +292,7 @@ def made(tmp_path: Path, columns: dict[str, Sequence[float]], asked: Recipe, rat
     return read_trace(out, require=("torque",)), report
 
 
-def test_declared_conversions_do_what_they_say(tmp_path: Path) -> None:
+def test_declared_conversions_do_what_they_say(tmp_path):
     turn = np.arange(40) * 100.0
     columns = {
         "t": np.arange(40.0),
@@ -334,7 +318,7 @@ def test_declared_conversions_do_what_they_say(tmp_path: Path) -> None:
     assert any("gear ratio 50" in step for step in report.done["motor_angle_rad"])
 
 
-def test_torque_from_current_and_velocity_from_angle(tmp_path: Path) -> None:
+def test_torque_from_current_and_velocity_from_angle(tmp_path):
     time = np.arange(2000) / 1000.0
     angle = 30.0 * time + 0.2 * np.sin(2.0 * np.pi * 4.0 * time)
     columns = {"t": time, "q": angle, "i": np.cos(time)}
@@ -350,7 +334,7 @@ def test_torque_from_current_and_velocity_from_angle(tmp_path: Path) -> None:
     assert any("zero phase" in step for step in report.done["motor_velocity_rad_s"])
 
 
-def test_channels_of_two_clocks_are_put_on_one(tmp_path: Path) -> None:
+def test_channels_of_two_clocks_are_put_on_one(tmp_path):
     fast, slow = np.arange(1000) / 1000.0, 0.1 + np.arange(80) / 100.0
     file = tmp_path / "log.h5"
     h5py = pytest.importorskip("h5py")
@@ -366,7 +350,7 @@ def test_channels_of_two_clocks_are_put_on_one(tmp_path: Path) -> None:
     assert any("linear interpolation" in note for note in report.notes)
 
 
-def test_provenance_is_bound_to_the_content(tmp_path: Path) -> None:
+def test_provenance_is_bound_to_the_content(tmp_path):
     file, out = write_sample("npz", tmp_path), tmp_path / "out.csv"
     import_files(recipe("npz"), [file], out)
     imported = input_identity(out)["imported"]
@@ -377,7 +361,7 @@ def test_provenance_is_bound_to_the_content(tmp_path: Path) -> None:
     assert "imported" not in input_identity(out)
 
 
-def test_a_recipe_is_kept_and_a_slip_in_it_is_told(tmp_path: Path) -> None:
+def test_a_recipe_is_kept_and_a_slip_in_it_is_told(tmp_path):
     file, kept = write_sample("npz", tmp_path), tmp_path / "r.toml"
     write_recipe(kept, recipe("npz", side="output", rate_hz=None))
     assert read_recipe(kept) == recipe("npz", side="output")
@@ -401,9 +385,7 @@ def listing(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, di
     return int(end.value.code or 0), json.loads(capsys.readouterr().out)
 
 
-def test_the_proposed_command_can_be_taken(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_proposed_command_can_be_taken(tmp_path, capsys, monkeypatch):
     import shlex
 
     monkeypatch.chdir(tmp_path)
@@ -411,7 +393,6 @@ def test_the_proposed_command_can_be_taken(
     code, body = listing(capsys, file)
     assert code == 0
     proposal = body["proposal"]
-    assert isinstance(proposal, dict)
     assert proposal["map"] == {
         "time_s": "time", "torque_nm": "torque", "motor_velocity_rad_s": "speed@rpm",
     }  # fmt: skip
@@ -421,21 +402,15 @@ def test_the_proposed_command_can_be_taken(
     assert len(read_trace(tmp_path / "sample.trace.csv")) == 200
 
 
-def test_a_proposal_does_not_cut_a_name_within_its_unit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_proposal_does_not_cut_a_name_within_its_unit(tmp_path, capsys):
     file = tmp_path / "log.csv"
     rows = "".join(f"{k},1500,{k % 3}\n" for k in range(9))
     file.write_text("Zeit [ms],Drehzahl [1/min],Drehmoment [Nm]\n" + rows)
     _, body = listing(capsys, file)
-    proposal = body["proposal"]
-    assert isinstance(proposal, dict)
-    assert proposal["map"]["motor_velocity_rad_s"] == "Drehzahl [1/min]@1/min"
+    assert body["proposal"]["map"]["motor_velocity_rad_s"] == "Drehzahl [1/min]@1/min"
 
 
-def test_the_joint_side_needs_a_gear_ratio(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_joint_side_needs_a_gear_ratio(tmp_path, capsys):
     columns = {"t": np.arange(3.0), "q": np.arange(3.0), "T": np.ones(3)}
     np.savez(tmp_path / "log.npz", **columns)
     asked = Recipe(map={"time_s": "t", "motor_angle_rad": "q", "torque_nm": "T"}, side="output")
@@ -447,9 +422,9 @@ def test_the_joint_side_needs_a_gear_ratio(
         capsys, tmp_path / "log.npz", *words, "--map", "torque_nm=T", "--out", tmp_path / "out.csv"
     )
     assert code == 2
-    assert "--profile" in body["error"]["fix"]  # type: ignore[index]
+    assert "--profile" in body["error"]["fix"]
     code, body = listing(capsys, tmp_path / "log.npz", "--side", "output")
-    assert any(need.startswith("PROFILE.toml") for need in body["proposal"]["needs"])  # type: ignore[index]
+    assert any(need.startswith("PROFILE.toml") for need in body["proposal"]["needs"])
 
 
 _STATES = {"torque_nm": "effort", "motor_angle_rad": "position", "motor_velocity_rad_s": "velocity"}
@@ -474,9 +449,7 @@ _COGGING = {
         ),
     ],
 )  # fmt: skip
-def test_originals_give_the_numbers_of_the_prepared_traces(
-    raw: str, prepared: str, asked: Recipe, tmp_path: Path
-) -> None:
+def test_originals_give_the_numbers_of_the_prepared_traces(raw, prepared, asked, tmp_path):
     import_files(asked, [REAL / "raw" / raw], tmp_path / "out.csv", gear_ratio=100.0)
     trace, known = read_trace(tmp_path / "out.csv"), read_trace(REAL / f"{prepared}.csv.gz")
     for name, values in known.columns.items():
@@ -485,7 +458,7 @@ def test_originals_give_the_numbers_of_the_prepared_traces(
 
 
 @needs_data
-def test_a_log_without_time_asks_for_the_rate_and_takes_it(tmp_path: Path) -> None:
+def test_a_log_without_time_asks_for_the_rate_and_takes_it(tmp_path):
     file, out = REAL / "raw" / "kuka_med.csv", tmp_path / "out.csv"
     asked = Recipe(map={"torque_nm": "tau_0", "motor_angle_rad": "q_0"})
     with pytest.raises(DataError) as caught:

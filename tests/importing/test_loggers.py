@@ -1,7 +1,5 @@
 """Files of LabJack and DATAQ loggers come in as they are: table found, time, units, commas."""
 
-from __future__ import annotations
-
 import math
 from datetime import UTC, datetime
 from decimal import Decimal
@@ -43,9 +41,7 @@ BOTH = (("torque_v", "v0"), ("tacho_v", "v1"))
 
 
 @pytest.mark.parametrize("logger", ["auto", "labjack"])
-def test_a_labjack_stream_file_is_found_behind_its_channel_lines(
-    tmp_path: Path, logger: Logger
-) -> None:
+def test_a_labjack_stream_file_is_found_behind_its_channel_lines(tmp_path, logger):
     report = brought(tmp_path, STREAM, logger, *BOTH)
     trace = read_trace(report.out)
     assert trace["time_s"].tolist() == [0.0, 0.001, 0.002]
@@ -55,7 +51,7 @@ def test_a_labjack_stream_file_is_found_behind_its_channel_lines(
     assert any("AIN0" in note for note in report.notes)
 
 
-def test_a_labjack_log_counts_from_1904_and_the_trace_from_its_start(tmp_path: Path) -> None:
+def test_a_labjack_log_counts_from_1904_and_the_trace_from_its_start(tmp_path):
     text = "Time\tv0\tv1\n3469490886.250000\t0.1\t1.0\n3469490886.500000\t0.2\t1.1\n"
     report = brought(tmp_path, text, "labjack", *BOTH)
     assert read_trace(report.out)["time_s"].tolist() == [0.0, 0.25]
@@ -66,9 +62,7 @@ def test_a_labjack_log_counts_from_1904_and_the_trace_from_its_start(tmp_path: P
 
 
 @pytest.mark.parametrize("logger", ["auto", "dataq"])
-def test_a_windaq_export_with_a_line_of_units_is_brought_in_in_volts(
-    tmp_path: Path, logger: Logger
-) -> None:
+def test_a_windaq_export_with_a_line_of_units_is_brought_in_in_volts(tmp_path, logger):
     report = brought(tmp_path, WINDAQ, logger, ("torque_v", "Torque"), ("tacho_v", "Tacho"))
     trace = read_trace(report.out)
     assert trace["time_s"].tolist() == [0.0, 0.01, 0.02]
@@ -78,9 +72,7 @@ def test_a_windaq_export_with_a_line_of_units_is_brought_in_in_volts(
     assert any("mV" in note and "0.001" in note for note in report.notes)
 
 
-def test_commas_as_decimals_semicolons_a_byte_order_mark_and_bracketed_units(
-    tmp_path: Path,
-) -> None:
+def test_commas_as_decimals_semicolons_a_byte_order_mark_and_bracketed_units(tmp_path):
     text = (
         "\ufeffAufnahme;21.11.2026\r\nTime (ms);Drehmoment [mV];Drehzahl [rpm]\r\n"
         "0,0;125,0;300,0\r\n0,5;250,0;600,0\r\n"
@@ -93,12 +85,12 @@ def test_commas_as_decimals_semicolons_a_byte_order_mark_and_bracketed_units(
     assert trace["motor_velocity_rad_s"] == pytest.approx([10 * math.pi, 20 * math.pi], rel=1e-15)
 
 
-def test_a_scale_given_by_hand_goes_before_the_stated_unit(tmp_path: Path) -> None:
+def test_a_scale_given_by_hand_goes_before_the_stated_unit(tmp_path):
     maps = (("torque_v", "Torque*2"), ("tacho_v", "Tacho"))
     assert read_trace(brought(tmp_path, WINDAQ, "dataq", *maps).out)["torque_v"][0] == 250.0
 
 
-def test_a_stated_unit_of_another_quantity_is_refused_with_its_column(tmp_path: Path) -> None:
+def test_a_stated_unit_of_another_quantity_is_refused_with_its_column(tmp_path):
     text = "Time (s),speed (rpm)\n0,1\n1,2\n"
     with pytest.raises(UsageError) as caught:
         brought(tmp_path, text, "auto", ("torque_v", "speed"))
@@ -106,7 +98,7 @@ def test_a_stated_unit_of_another_quantity_is_refused_with_its_column(tmp_path: 
     assert "V" in caught.value.what
 
 
-def test_without_a_logger_a_stated_unit_is_not_taken_for_ours(tmp_path: Path) -> None:
+def test_without_a_logger_a_stated_unit_is_not_taken_for_ours(tmp_path):
     source = tmp_path / "log.csv"
     source.write_text("t,speed (rpm),torque_nm\n0,300,1\n1,300,2\n")
     maps = {"time_s": "t", "motor_velocity_rad_s": "speed (rpm)"}
@@ -118,30 +110,29 @@ def test_without_a_logger_a_stated_unit_is_not_taken_for_ours(tmp_path: Path) ->
     assert read_trace(report.out)["motor_velocity_rad_s"][0] == pytest.approx(10 * math.pi)
 
 
-def test_a_file_without_a_named_time_says_how_to_go_on(tmp_path: Path) -> None:
+def test_a_file_without_a_named_time_says_how_to_go_on(tmp_path):
     with pytest.raises(DataError) as caught:
         brought(tmp_path, "1.0,2.0\n1.1,2.1\n", "dataq", ("torque_v", "1"))
     assert "--no-header" in caught.value.fix
 
 
-def test_a_time_of_day_is_counted_in_seconds(tmp_path: Path) -> None:
+def test_a_time_of_day_is_counted_in_seconds(tmp_path):
     text = "Date,Time,Torque\n11/21/2026,10:15:00.0,1.0\n11/21/2026,10:15:00.1,1.1\n"
     report = brought(tmp_path, text, "dataq", ("torque_v", "Torque"), ("time_s", "Time"))
     assert read_trace(report.out, require=()).time_s.tolist() == [0.0, 0.1]
 
 
 @pytest.mark.parametrize("name", ["Time", "time_s", "Relative Time", "Timestamp", "Time (ms)"])
-def test_names_of_a_time(name: str) -> None:
+def test_names_of_a_time(name):
     assert is_time_name(name)
 
 
-def test_names_that_are_no_time() -> None:
+def test_names_that_are_no_time():
     assert not any(is_time_name(name) for name in ("timing", "v0", "runtime", ""))
 
 
-def test_layout_keeps_what_stands_before_the_table() -> None:
+def test_layout_keeps_what_stands_before_the_table():
     layout = text_layout(STREAM.replace("\r", "").split("\n"))
-    assert layout is not None
     assert (layout.delimiter, layout.start, layout.units) == ("\t", 6, ())
     assert layout.names == ("Time", "v0", "v1", "y0", "y1")
     assert layout.preamble == (0, 1, 2, 3)
@@ -158,11 +149,11 @@ def test_layout_keeps_what_stands_before_the_table() -> None:
         ("lb", "kg", "0.45359237"),
     ],
 )
-def test_scales_of_units(unit: str, wanted: str, scale: str) -> None:
+def test_scales_of_units(unit, wanted, scale):
     assert unit_scale(unit, wanted) == Decimal(scale)
 
 
-def test_angles_and_speeds_against_pi() -> None:
+def test_angles_and_speeds_against_pi():
     degree, rpm = unit_scale("deg", "rad"), unit_scale("rpm", "rad/s")
     assert degree is not None
     assert rpm is not None
@@ -170,14 +161,13 @@ def test_angles_and_speeds_against_pi() -> None:
     assert float(rpm) == pytest.approx(math.pi / 30.0, rel=1e-15)
 
 
-def test_unknown_units_are_not_judged() -> None:
+def test_unknown_units_are_not_judged():
     assert unit_scale("counts", "V") is None
     known = unit_scale("rpm", "V")
-    assert known is not None
     assert known.is_nan()
 
 
-def test_names_units_and_columns() -> None:
+def test_names_units_and_columns():
     assert (bare_name("AIN0 (mV)"), stated_unit("AIN0 (mV)")) == ("AIN0", "mV")
     assert (bare_name("AIN0"), stated_unit("AIN0")) == ("AIN0", "")
     found = [target_unit(n) for n in ("motor_velocity_rad_s", "time_s", "torque_nm", "range")]

@@ -1,7 +1,5 @@
 """Logs as labs have them: names and units decide, and what cannot be told is refused or asked."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +59,7 @@ def table(head: str, mark: str = ",", comma: bool = False) -> str:
     ],
     ids=["suffix", "row of units", "brackets", "stroke and blank", "utf-16", "short last row"],
 )
-def test_units_are_read_wherever_they_stand(tmp_path: Path, content: str, encoding: str) -> None:
+def test_units_are_read_wherever_they_stand(tmp_path, content, encoding):
     trace = taken(tmp_path, content, encoding)
     np.testing.assert_allclose(trace.time_s[:9], 0.5 * np.arange(9), rtol=1e-15)
     np.testing.assert_allclose(trace["torque_nm"][:9], 1.0 + 0.01 * np.arange(9), rtol=1e-15)
@@ -69,7 +67,7 @@ def test_units_are_read_wherever_they_stand(tmp_path: Path, content: str, encodi
     np.testing.assert_allclose(trace["motor_velocity_rad_s"][:9], velocity, rtol=1e-15)
 
 
-def test_a_log_of_labview_keeps_its_names_and_units(tmp_path: Path) -> None:
+def test_a_log_of_labview_keeps_its_names_and_units(tmp_path):
     rows = "".join(f"{0.5 * k}\t{100 + k}\t90\n" for k in range(9))
     trace = taken(tmp_path, LVM + rows)
     np.testing.assert_allclose(trace.time_s, 0.5 * np.arange(9), rtol=1e-15)
@@ -87,13 +85,13 @@ def test_a_log_of_labview_keeps_its_names_and_units(tmp_path: Path) -> None:
         "10:11:{:06.3f}",
     ],
 )
-def test_stamps_become_seconds(tmp_path: Path, stamp: str) -> None:
+def test_stamps_become_seconds(tmp_path, stamp):
     rows = "".join(f"{stamp.format(58 + 0.2 * k)},{k}\n" for k in range(9))
     trace = taken(tmp_path, f"Stamp,Torque (Nm)\n{rows}")
     np.testing.assert_allclose(trace.time_s, 0.2 * np.arange(9), rtol=1e-15)
 
 
-def test_a_stamp_of_another_day_or_of_no_sure_order_is_refused(tmp_path: Path) -> None:
+def test_a_stamp_of_another_day_or_of_no_sure_order_is_refused(tmp_path):
     for stamps, word in (
         (("23:59:59.9", "00:00:00.1"), "goes back"),
         (("3/12/2024 10:11:12", "3/12/2024 10:11:13"), "or a stamp such as"),
@@ -107,7 +105,7 @@ def test_a_stamp_of_another_day_or_of_no_sure_order_is_refused(tmp_path: Path) -
         assert list(tmp_path.iterdir()) == [file]
 
 
-def test_what_is_named_behind_the_gear_is_turned_by_its_ratio(tmp_path: Path) -> None:
+def test_what_is_named_behind_the_gear_is_turned_by_its_ratio(tmp_path):
     head = "time_ms,torque_Nm,joint_velocity (deg/s)\n"
     trace = taken(tmp_path, table(head))
     velocity = 50.0 * 90.0 * (1.0 + np.arange(9)) * DEGREE
@@ -120,7 +118,7 @@ def test_what_is_named_behind_the_gear_is_turned_by_its_ratio(tmp_path: Path) ->
     assert "--profile" in asked.extra
 
 
-def test_a_voltage_is_no_torque_and_an_unknown_unit_asks_for_its_factor(tmp_path: Path) -> None:
+def test_a_voltage_is_no_torque_and_an_unknown_unit_asks_for_its_factor(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text(table("time_ms,torque_mV,speed_rpm\n"))
     assert proposal_for(file).recipe.map["torque_v"] == "torque_mV@mV"
@@ -133,7 +131,7 @@ def test_a_voltage_is_no_torque_and_an_unknown_unit_asks_for_its_factor(tmp_path
         import_files(plain, [file], tmp_path / "out.csv")
 
 
-def test_a_remark_in_a_row_loses_neither_row_nor_names(tmp_path: Path) -> None:
+def test_a_remark_in_a_row_loses_neither_row_nor_names(tmp_path):
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.Workbook()
     rows = [["A bench, in March"], [], ["Time [ms]", "Torque [Ncm]", "Speed [rpm]", "Remark"]]
@@ -148,7 +146,7 @@ def test_a_remark_in_a_row_loses_neither_row_nor_names(tmp_path: Path) -> None:
     source.close()
 
 
-def test_a_row_of_units_may_end_before_the_names(tmp_path: Path) -> None:
+def test_a_row_of_units_may_end_before_the_names(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("time,torque,a,b\nms,Ncm\n" + "1,2,3,4\n" * 9)
     channels = open_source(file, Recipe().layout).channels
@@ -156,13 +154,13 @@ def test_a_row_of_units_may_end_before_the_names(tmp_path: Path) -> None:
     assert [(channel.name, channel.unit) for channel in channels] == told
 
 
-def test_a_unit_of_control_characters_is_spelled() -> None:
+def test_a_unit_of_control_characters_is_spelled():
     (channel,) = told_apart(Path("x"), [Channel("torque", "Nm\0\n" + 90 * "x")])
     assert channel.unit.startswith(r"Nm\x00\nxx")
     assert len(channel.unit) == 40
 
 
-def test_counts_stay_counts_until_somebody_gives_their_scale(tmp_path: Path) -> None:
+def test_counts_stay_counts_until_somebody_gives_their_scale(tmp_path):
     load = np.random.default_rng(1).integers(-20, 20, 400) % 65536
     rows = "".join(f"{0.01 * k:.2f},{value},{k % 5}\n" for k, value in enumerate(load))
     file, out = tmp_path / "log.csv", tmp_path / "out.csv"
@@ -196,8 +194,8 @@ TURNED = np.cumsum(SWING) * 0.01
     ],
 )
 def test_units_and_sides_are_asked_for_where_data_or_names_tell_of_others(
-    head: str, columns: tuple[np.ndarray, ...], mapped: str, asked: str, tmp_path: Path
-) -> None:
+    head, columns, mapped, asked, tmp_path
+):
     table = np.column_stack([*columns, np.cos(SWING)])
     file = tmp_path / "log.csv"
     np.savetxt(file, table, "%.12g", ",", header=f"{head},torque [Nm]", comments="")
@@ -208,9 +206,7 @@ def test_units_and_sides_are_asked_for_where_data_or_names_tell_of_others(
 
 
 @pytest.mark.parametrize(("share", "told"), [(1.0, ""), (0.02, "50"), (-1.0, "-1")])
-def test_a_velocity_that_is_not_the_rate_of_its_angle_is_told(
-    share: float, told: str, tmp_path: Path
-) -> None:
+def test_a_velocity_that_is_not_the_rate_of_its_angle_is_told(share, told, tmp_path):
     file, out = tmp_path / "log.csv", tmp_path / "out.csv"
     table = np.column_stack([TIME, share * TURNED, SWING, np.cos(SWING)])
     names = "time_s,motor_angle_rad,motor_velocity_rad_s,torque_nm"
@@ -224,7 +220,7 @@ def test_a_velocity_that_is_not_the_rate_of_its_angle_is_told(
     assert "3.99 s at 100 Hz" in notes
 
 
-def test_titles_stay_out_of_names_and_a_merged_cell_names_all_its_columns(tmp_path: Path) -> None:
+def test_titles_stay_out_of_names_and_a_merged_cell_names_all_its_columns(tmp_path):
     file = tmp_path / "log.csv"
     head = "Bench 3;;;;\nDate;1.2.2026;;;\n;;;;\n;Motor;;Sensor;\n"
     names = "Zeit;Drehzahl;Winkel;Moment;Remark\nms;1/min;deg;Nm;\n"
@@ -250,5 +246,5 @@ def test_titles_stay_out_of_names_and_a_merged_cell_names_all_its_columns(tmp_pa
         ("phase_a", "phase_a", ""),
     ],
 )
-def test_names_and_units_of_headers(header: str, name: str, unit: str) -> None:
+def test_names_and_units_of_headers(header, name, unit):
     assert (bare_name(header), stated_unit(header)) == (name, unit)

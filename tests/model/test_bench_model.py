@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,9 +22,7 @@ from hdbench.profile.schema import HarmonicParameters
 Make = Callable[..., Motion]
 
 
-def test_the_model_is_exactly_what_the_profile_describes(
-    bench: ProfileData, make_motion: Make
-) -> None:
+def test_the_model_is_exactly_what_the_profile_describes(bench, make_motion):
     motion = make_motion()
     got = BenchModel.from_profile(bench).torque_nm(motion)
     for k in range(0, len(motion), 13):
@@ -39,9 +35,7 @@ def test_the_model_is_exactly_what_the_profile_describes(
         assert got[k] == pytest.approx(want, rel=0, abs=1e-11)
 
 
-def test_gauges_on_a_turning_flexspline_see_more_lobes(
-    bench: ProfileData, turning: ProfileData
-) -> None:
+def test_gauges_on_a_turning_flexspline_see_more_lobes(bench, turning):
     assert gauge_order_factor(bench.drive) == 1.0
     # after one motor turn the flexspline is 1/100 turn back: 2 lobes pass 1.01 times
     assert baseline_orders(bench) == (2.0, 4.0)
@@ -50,26 +44,23 @@ def test_gauges_on_a_turning_flexspline_see_more_lobes(
     assert orders == pytest.approx([2.02, 4.04], rel=1e-15, abs=0)
 
 
-def test_further_orders_of_the_profile_join_the_baseline_once(bench: ProfileData) -> None:
-    more = (*bench.model.ripple, HarmonicParameters(order=6.0, amplitude_nm=0.1))
-    model = bench.model.model_copy(update={"ripple": more})
-    assert baseline_orders(bench.model_copy(update={"model": model})) == (2.0, 4.0, 6.0)
-    none = bench.model.model_copy(update={"ripple": ()})
-    assert baseline_orders(bench.model_copy(update={"model": none})) == (2.0, 4.0)
+def test_further_orders_of_the_profile_join_the_baseline_once(bench, turning):
+    sixth = HarmonicParameters(order=6.0, amplitude_nm=0.1)
+
+    def orders(base: ProfileData, **changes: object) -> tuple[float, ...]:
+        return baseline_orders(
+            base.model_copy(update={"model": bench.model.model_copy(update=changes)})
+        )
+
+    assert orders(bench, ripple=(*bench.model.ripple, sixth)) == (2.0, 4.0, 6.0)
+    assert orders(bench, ripple=()) == (2.0, 4.0)
+    # a drive of another kind has orders of its own
+    own = {"baseline_orders": (21.0, 7.0), "ripple": (sixth,)}
+    assert orders(bench, **own) == (6.0, 7.0, 21.0)
+    assert orders(turning, **own) == pytest.approx((6.06, 7.07, 21.21), rel=1e-15, abs=0)
 
 
-def test_a_drive_of_another_kind_has_orders_of_its_own(
-    bench: ProfileData, turning: ProfileData
-) -> None:
-    more = (HarmonicParameters(order=6.0, amplitude_nm=0.1),)
-    own = {"baseline_orders": (21.0, 7.0), "ripple": more}
-    other = bench.model_copy(update={"model": bench.model.model_copy(update=own)})
-    assert baseline_orders(other) == (6.0, 7.0, 21.0)
-    turned = turning.model_copy(update={"model": other.model})
-    assert baseline_orders(turned) == pytest.approx((6.06, 7.07, 21.21), rel=1e-15, abs=0)
-
-
-def test_baseline_columns_are_those_of_the_contract(bench: ProfileData, make_motion: Make) -> None:
+def test_baseline_columns_are_those_of_the_contract(bench, make_motion):
     motion = make_motion(load_torque_nm=None)
     fixed, names, columns = baseline_columns(motion, bench)
     # one product and one quotient
@@ -99,17 +90,13 @@ def test_baseline_columns_are_those_of_the_contract(bench: ProfileData, make_mot
 
 
 @pytest.mark.parametrize(("span", "there"), [(2 * math.pi + 1e-9, True), (6.28, False)])
-def test_output_order_one_needs_a_whole_output_turn(
-    span: float, there: bool, bench: ProfileData, make_motion: Make
-) -> None:
+def test_output_order_one_needs_a_whole_output_turn(span, there, bench, make_motion):
     output = np.linspace(1.0, 1.0 + span, 400)
     _, names, _ = baseline_columns(make_motion(output_angle_rad=output), bench)
     assert ("misalignment:cosine" in names) == there
 
 
-def test_a_fitted_baseline_gives_back_the_model_it_was_simulated_with(
-    turning: ProfileData, make_motion: Make
-) -> None:
+def test_a_fitted_baseline_gives_back_the_model_it_was_simulated_with(turning, make_motion):
     motion = make_motion(2000)
     truth = replace(
         BenchModel.from_profile(turning),
@@ -128,7 +115,7 @@ def test_a_fitted_baseline_gives_back_the_model_it_was_simulated_with(
     np.testing.assert_allclose(found.torque_nm(motion), torque, rtol=0, atol=1e-9)
 
 
-def test_a_misalignment_that_was_not_fitted_is_in_the_zero(bench: ProfileData) -> None:
+def test_a_misalignment_that_was_not_fitted_is_in_the_zero(bench):
     model = BenchModel.from_profile(bench).with_baseline(["zero"], [0.5])
     assert model.zero_nm == 0.5
     assert model.misalignment == (0.0, 0.0)
@@ -143,14 +130,12 @@ def test_a_misalignment_that_was_not_fitted_is_in_the_zero(bench: ProfileData) -
         (["zero"], [1.0, 2.0], "shorter|longer"),
     ],
 )
-def test_a_fit_that_is_none_is_refused(
-    names: list[str], values: list[float], words: str, bench: ProfileData
-) -> None:
+def test_a_fit_that_is_none_is_refused(names, values, words, bench):
     with pytest.raises(ValueError, match=words):
         BenchModel.from_profile(bench).with_baseline(names, values)
 
 
-def test_causes_add_up_and_stand_in_the_terms(bench: ProfileData, make_motion: Make) -> None:
+def test_causes_add_up_and_stand_in_the_terms(bench, make_motion):
     motion = make_motion()
     hum = CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.3, 0.4))
     drag = CauseTerm("viscous-friction", {}, (0.002,))
@@ -176,7 +161,7 @@ def test_causes_add_up_and_stand_in_the_terms(bench: ProfileData, make_motion: M
     assert base.causes == ()
 
 
-def test_the_load_counts_by_its_coefficient(bench: ProfileData, make_motion: Make) -> None:
+def test_the_load_counts_by_its_coefficient(bench, make_motion):
     motion = make_motion()
     model = BenchModel.from_profile(bench)
     without = model.torque_nm(make_motion(load_torque_nm=None))
@@ -187,9 +172,7 @@ def test_the_load_counts_by_its_coefficient(bench: ProfileData, make_motion: Mak
     assert "load" not in replace(model, load=0.0).terms()
 
 
-def test_what_acts_on_the_whole_signal_sees_baseline_load_and_causes(
-    bench: ProfileData, make_motion: Make
-) -> None:
+def test_what_acts_on_the_whole_signal_sees_baseline_load_and_causes(bench, make_motion):
     motion = make_motion()
     base = BenchModel.from_profile(bench)
     hum = CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.3, 0.4))
@@ -204,9 +187,7 @@ def test_what_acts_on_the_whole_signal_sees_baseline_load_and_causes(
 
 
 @pytest.mark.parametrize("name", ["gain-error", "cubic-nonlinearity", "direction-asymmetry"])
-def test_without_a_measured_load_the_torque_is_the_expected_one(
-    name: str, make_motion: Make
-) -> None:
+def test_without_a_measured_load_the_torque_is_the_expected_one(name, make_motion):
     term = CauseTerm(name, {}, (0.1,))
     free, expected = (
         make_motion(load_torque_nm=None),
@@ -216,30 +197,14 @@ def test_without_a_measured_load_the_torque_is_the_expected_one(
     np.testing.assert_allclose(got, want, rtol=1e-13)
 
 
-def test_a_cause_that_needs_a_channel_is_not_simulated_without_it(make_motion: Make) -> None:
-    term = CauseTerm("crosstalk", {}, (0.1,))
-    assert np.isfinite(term_torque_nm(term, make_motion())).all()
-    with pytest.raises(DataError, match="needs motor_current_a"):
-        term_torque_nm(term, make_motion(motor_current_a=None))
-
-
-def test_columns_of_another_shape_are_refused(make_motion: Make) -> None:
+def test_columns_of_another_shape_are_refused(make_motion):
     base = catalogue()["zero-drift"]
     own = replace(base, name="own", columns=lambda motion, shape: np.ones(len(motion)))
     with pytest.raises(DataError, match=r"shape \(400,\); needed: \(400, 1\)"):
         term_torque_nm(CauseTerm("own", {}, (1.0,)), make_motion(), extra=(own,))
 
 
-def test_torque_is_missing_where_the_motion_is(bench: ProfileData, make_motion: Make) -> None:
-    valid = np.ones(400, dtype=bool)
-    valid[[3, 77]] = False
-    torque = BenchModel.from_profile(bench).torque_nm(make_motion(valid=valid))
-    assert (np.isnan(torque) == ~valid).all()
-
-
-def test_a_term_that_does_not_fit_never_enters_a_model(
-    bench: ProfileData, make_motion: Make
-) -> None:
+def test_a_term_that_does_not_fit_never_enters_a_model(bench, make_motion):
     with pytest.raises(DataError, match="unknown cause 'hum'"):
         BenchModel.from_profile(bench).with_cause(CauseTerm("hum", {}, (1.0,)))
     with pytest.raises(DataError, match="frequency_hz of mains-hum is 55"):

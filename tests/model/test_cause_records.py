@@ -1,7 +1,5 @@
 """Causes that a record can show; columns take whole records at a time."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -31,7 +29,7 @@ def steady(make: Make, **replaced: Any) -> Motion:
     return make(20_000, **{**values, **replaced})
 
 
-def test_a_constant_speed_without_load_shows_what_it_can(make_motion: Make) -> None:
+def test_a_constant_speed_without_load_shows_what_it_can(make_motion):
     motion = steady(make_motion)
     silent = {name for name, cause in catalogue().items() if cause.applicable(motion) is not None}
     assert silent == {
@@ -111,21 +109,19 @@ def test_a_constant_speed_without_load_shows_what_it_can(make_motion: Make) -> N
         ),
     ],
 )
-def test_a_record_that_cannot_show_a_cause_says_why(
-    name: str, change: dict[str, Any], words: str, make_motion: Make
-) -> None:
+def test_a_record_that_cannot_show_a_cause_says_why(name, change, words, make_motion):
     reason = catalogue()[name].applicable(steady(make_motion, **change))
     assert reason is not None
     assert words in reason
 
 
-def test_a_record_with_everything_shows_every_cause(make_motion: Make) -> None:
+def test_a_record_with_everything_shows_every_cause(make_motion):
     time = np.arange(30_000) * 1e-3
     motion = make_motion(30_000, time_s=time, velocity_rad_s=60.0 * np.sin(time))
     assert [name for name, c in catalogue().items() if c.applicable(motion) is not None] == []
 
 
-def test_lost_samples_do_not_count_for_what_a_record_shows(make_motion: Make) -> None:
+def test_lost_samples_do_not_count_for_what_a_record_shows(make_motion):
     velocity = np.full(20_000, 60.0)
     velocity[7] = -60.0
     valid = np.arange(20_000) != 7
@@ -134,7 +130,7 @@ def test_lost_samples_do_not_count_for_what_a_record_shows(make_motion: Make) ->
     assert friction.applicable(steady(make_motion, velocity_rad_s=velocity, valid=valid))
 
 
-def test_shapes_are_searched_where_the_record_can_show_them(make_motion: Make) -> None:
+def test_shapes_are_searched_where_the_record_can_show_them(make_motion):
     motion = steady(make_motion, time_s=100.0 + np.arange(20_000) * 0.009)
     bands = {n: shape_bounds(c, motion) for n, c in catalogue().items()}
     # 9 ms period: half the sampling rate is 55.6 Hz, which leaves only the European mains
@@ -147,7 +143,7 @@ def test_shapes_are_searched_where_the_record_can_show_them(make_motion: Make) -
     assert bands["ripple-harmonic"] == {"order": ((0.1, 60.0),)}
 
 
-def test_shapes_in_torque_stay_where_the_load_reaches(make_motion: Make) -> None:
+def test_shapes_in_torque_stay_where_the_load_reaches(make_motion):
     load = np.linspace(-10.0, 20.0, 400)
     motion = make_motion(load_torque_nm=load, inertia_nm_s2=0.0)
     bands = {n: shape_bounds(c, motion) for n, c in catalogue().items()}
@@ -167,21 +163,17 @@ N = 172_000
 
 
 @pytest.fixture(scope="module")
-def long_motion() -> Motion:
+def long_motion(make_motion: Make) -> Motion:
     rng = np.random.default_rng(5)
     time = np.arange(N) * 1e-3
-    return Motion(
+    return make_motion(
+        N,
         time_s=time,
         velocity_rad_s=200.0 * np.sin(0.1 * time),
         angle_rad=2000.0 * (1.0 - np.cos(0.1 * time)),
         acceleration_rad_s2=20.0 * np.cos(0.1 * time) + rng.normal(0.0, 3.0, N),
         output_angle_rad=20.0 * (1.0 - np.cos(0.1 * time)),
-        valid=np.ones(N, dtype=bool),
-        angle_source="encoder_count",
-        gear_ratio=100.0,
         load_torque_nm=20.0 * np.sin(0.7 * time) + rng.normal(0.0, 0.05, N),
-        motor_current_a=rng.normal(0.0, 1.0, N),
-        inertia_nm_s2=1.725e-4,
     )
 
 
@@ -197,7 +189,7 @@ def lines_executed(work: Callable[[], object], enough: int) -> int:
         return trace
 
     before = sys.gettrace()
-    sys.settrace(trace)  # type: ignore[arg-type]
+    sys.settrace(trace)
     try:
         work()
     finally:
@@ -206,9 +198,7 @@ def lines_executed(work: Callable[[], object], enough: int) -> int:
 
 
 @pytest.mark.parametrize("name", [name for name, c in catalogue().items() if c.additive])
-def test_columns_take_no_step_of_python_for_a_sample(
-    name: str, long_motion: Motion, middle_shape
-) -> None:
+def test_columns_take_no_step_of_python_for_a_sample(name, long_motion, middle_shape):
     cause = catalogue()[name]
     shape = middle_shape(cause)
     cause.columns(long_motion, shape)  # what is made once is made

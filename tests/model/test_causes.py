@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +11,6 @@ from hypothesis import strategies as st
 
 from hdbench.errors import DataError
 from hdbench.model import (
-    Cause,
     CauseTerm,
     Motion,
     Parameter,
@@ -150,19 +147,19 @@ NO_TORQUE = {
 }  # fmt: skip
 
 
-def test_the_catalogue_is_the_contract_in_its_order() -> None:
+def test_the_catalogue_is_the_contract_in_its_order():
     assert list(catalogue()) == CONTRACT_LIST.split()
     assert len(CONTRACT_NAMES) == 48
 
 
-def test_every_cause_is_checked_somewhere() -> None:
+def test_every_cause_is_checked_somewhere():
     assert set(BY_HAND) | REMEMBER | NO_TORQUE == CONTRACT_NAMES
     assert {name for name, cause in catalogue().items() if not cause.additive} == NO_TORQUE
 
 
 @pytest.mark.parametrize("gauge", [1.0, 1.01])
 @pytest.mark.parametrize("name", BY_HAND)
-def test_columns_follow_the_equation(name: str, gauge: float, make_motion: Make) -> None:
+def test_columns_follow_the_equation(name, gauge, make_motion):
     motion = make_motion(gauge_factor=gauge)
     shape, formula = BY_HAND[name]
     got = catalogue()[name].columns(motion, shape)
@@ -187,7 +184,7 @@ def test_columns_follow_the_equation(name: str, gauge: float, make_motion: Make)
 
 
 @pytest.mark.parametrize("cause", catalogue().values(), ids=lambda cause: cause.name)
-def test_a_record_of_the_catalogue_is_complete(cause: Cause) -> None:
+def test_a_record_of_the_catalogue_is_complete(cause):
     for text in (cause.equation, cause.parity, cause.experiment, cause.source):
         assert text.strip()
     assert cause.locked_to in {
@@ -205,13 +202,13 @@ def test_a_record_of_the_catalogue_is_complete(cause: Cause) -> None:
     assert cause.harmonic == (names == ["cosine_nm", "sine_nm"])
 
 
-def test_an_unknown_cause_is_told_with_the_nearest_name() -> None:
+def test_an_unknown_cause_is_told_with_the_nearest_name():
     with pytest.raises(DataError, match="nearest is 'coulomb-friction'") as caught:
         cause_named("coulomb_frictoin", where="model.json: key causes.0.name")
     assert caught.value.where == "model.json: key causes.0.name"
 
 
-def test_users_add_causes_but_cannot_replace_one() -> None:
+def test_users_add_causes_but_cannot_replace_one():
     def columns(motion: Motion, shape: Any) -> np.ndarray:
         return np.ones((len(motion), 1))
 
@@ -234,12 +231,12 @@ def test_users_add_causes_but_cannot_replace_one() -> None:
         (CauseTerm("viscous-friction", {"order": 1.0}, (0.1,)), "shape parameters"),
     ],
 )
-def test_numbers_that_do_not_fit_a_cause_are_refused(term: CauseTerm, words: str) -> None:
+def test_numbers_that_do_not_fit_a_cause_are_refused(term, words):
     with pytest.raises(DataError, match=words):
         check_term(term, where="here")
 
 
-def test_parameter_domains_hold_their_ends_and_no_nan() -> None:
+def test_parameter_domains_hold_their_ends_and_no_nan():
     parameter = Parameter("x", "1", 0.0, 2.0, "test", bands=((0.0, 0.5), (1.5, 2.0)))
     values = (0.0, 0.5, 0.6, 1.5, 2.0, 2.1, math.nan)
     assert [parameter.contains(v) for v in values] == [True, True, False, True, True, False, False]
@@ -247,9 +244,7 @@ def test_parameter_domains_hold_their_ends_and_no_nan() -> None:
 
 @settings(deadline=None)
 @given(amplitude=st.floats(1e-6, 1e3), phase=st.floats(-3.14, 3.14), x=st.floats(-10, 10))
-def test_amplitude_and_phase_are_those_of_the_contract(
-    amplitude: float, phase: float, x: float
-) -> None:
+def test_amplitude_and_phase_are_those_of_the_contract(amplitude, phase, x):
     cosine, sine = amplitude * math.cos(phase), -amplitude * math.sin(phase)
     a, p, _, _ = amplitude_phase(cosine, sine)
     # a few roundings of numbers of the size of the amplitude, times |x| of the argument
@@ -258,7 +253,7 @@ def test_amplitude_and_phase_are_those_of_the_contract(
     assert a == pytest.approx(amplitude, rel=1e-14, abs=0)
 
 
-def test_uncertainties_of_amplitude_and_phase_agree_with_simulated_scatter() -> None:
+def test_uncertainties_of_amplitude_and_phase_agree_with_simulated_scatter():
     rng = np.random.default_rng(11)
     covariance = np.array([[4e-4, 1e-4], [1e-4, 1e-4]])
     draws = rng.multivariate_normal([0.6, -0.8], covariance, 40_000)
@@ -273,7 +268,7 @@ def test_uncertainties_of_amplitude_and_phase_agree_with_simulated_scatter() -> 
     assert table["cosine_nm"] == {"value": 0.6, "std": 0.02, "unit": "N m"}
 
 
-def test_parameters_of_several_pairs_and_of_shapes_are_all_there() -> None:
+def test_parameters_of_several_pairs_and_of_shapes_are_all_there():
     term = CauseTerm("ripple-beat", {}, (3.0, 4.0, 0.0, 0.0))
     table = cause_parameters(term)
     assert table["amplitude_lower_nm"] == {"value": 5.0, "std": None, "unit": "N m"}
@@ -290,7 +285,7 @@ def test_parameters_of_several_pairs_and_of_shapes_are_all_there() -> None:
         cause_parameters(CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.1, 0.0)), np.eye(4))
 
 
-def test_the_page_on_the_model_holds_every_equation() -> None:
+def test_the_page_on_the_model_holds_every_equation():
     page = (Path(__file__).parents[2] / "docs" / "model.md").read_text(encoding="utf-8")
     rows = {f"| `{name}` | `{cause.equation}` |" for name, cause in catalogue().items()}
     assert {row for row in rows if row not in page} == set()

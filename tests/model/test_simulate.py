@@ -1,12 +1,8 @@
-from __future__ import annotations
-
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 from hdbench.errors import UsageError
 from hdbench.model import (
@@ -19,7 +15,7 @@ from hdbench.model import (
     simulate_run,
     with_noise,
 )
-from hdbench.profile import Profile, ProfileData
+from hdbench.profile import ProfileData
 from hdbench.records.tables import read_trace, write_trace
 from hdbench.records.trace import Trace
 
@@ -35,14 +31,7 @@ def run_of(bench: ProfileData, wave: ReferenceWave, duration: float, noise: floa
     )
 
 
-def test_simulating_like_a_simulated_run_gives_its_torque_back(bench: ProfileData) -> None:
-    run = run_of(bench, bench.ripple.reference, bench.ripple.duration_s)
-    again = simulate_like(run, bench, BenchModel.from_profile(bench))
-    assert again["torque_nm"].tobytes() == run["torque_nm"].tobytes()
-    assert len(run) == round(bench.ripple.duration_s / bench.daq.sample_period_s)
-
-
-def test_a_small_step_of_reference_gives_the_first_order_answer(bench: ProfileData) -> None:
+def test_a_small_step_of_reference_gives_the_first_order_answer(bench):
     run = run_of(bench, ReferenceWave(wave="constant", bias_v=0.1), 0.5)
     rate = 2.0 * math.pi * 15.0
     target = 56.2565 * 0.1
@@ -56,7 +45,7 @@ def test_a_small_step_of_reference_gives_the_first_order_answer(bench: ProfileDa
     np.testing.assert_allclose(run["motor_angle_rad"], angle, rtol=0, atol=1.01 * error)
 
 
-def test_a_large_step_of_reference_runs_into_the_acceleration_limit(bench: ProfileData) -> None:
+def test_a_large_step_of_reference_runs_into_the_acceleration_limit(bench):
     run = run_of(bench, ReferenceWave(wave="constant", bias_v=5.0), 0.5)
     early = run.time_s < 0.09
     want = 2500.0 * run.time_s[early]
@@ -69,7 +58,7 @@ def test_a_large_step_of_reference_runs_into_the_acceleration_limit(bench: Profi
     assert (np.abs(middle - expected - 0.9 * math.cos(0.3)) <= ripple + 0.01).all()
 
 
-def test_noise_has_the_size_asked_for_and_comes_from_the_seed(bench: ProfileData) -> None:
+def test_noise_has_the_size_asked_for_and_comes_from_the_seed(bench):
     wave = ReferenceWave(wave="constant", bias_v=1.0)
     clean, noisy = run_of(bench, wave, 10.0), run_of(bench, wave, 10.0, noise=0.05)
     added = noisy["torque_nm"] - clean["torque_nm"]
@@ -81,19 +70,19 @@ def test_noise_has_the_size_asked_for_and_comes_from_the_seed(bench: ProfileData
 
 
 @pytest.mark.parametrize("duration", [math.nan, 0.0, 0.004, 1e9])
-def test_a_run_of_no_length_or_too_long_is_refused(bench: ProfileData, duration: float) -> None:
+def test_a_run_of_no_length_or_too_long_is_refused(bench, duration):
     with pytest.raises(UsageError, match="duration"):
         run_of(bench, ReferenceWave(wave="constant"), duration)
 
 
 @pytest.mark.parametrize("noise", [-1.0, math.nan, math.inf])
-def test_noise_that_is_none_is_refused(noise: float) -> None:
+def test_noise_that_is_none_is_refused(noise):
     trace = Trace({"time_s": np.arange(3.0), "torque_nm": np.zeros(3)})
     with pytest.raises(UsageError, match="noise"):
         with_noise(trace, noise, np.random.default_rng(0))
 
 
-def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench: ProfileData) -> None:
+def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench):
     rng = np.random.default_rng(8)
     time = np.arange(100) * 1e-3
     measured = Trace(
@@ -114,92 +103,82 @@ def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench: Profile
     assert np.flatnonzero(np.isnan(simulated["torque_nm"])).tolist() == [40]
 
 
-def invoke(*words: str) -> Result:
-    from hdbench_cli.commands.simulate import command
-    from hdbench_cli.output import Output
+@pytest.fixture
+def simulated(hdbench):
+    """Return a function that simulates into a file, for the JSON and what is said."""
 
-    return CliRunner().invoke(command, list(words), obj=Output(json=True))
+    def run(out, *words, code=0):
+        shown, said = hdbench("simulate", *words, "--out", out, "--json", code=code)
+        return json.loads(shown), said
+
+    return run
 
 
-def test_the_command_simulates_alone_and_like_a_trace(tmp_path: Path) -> None:
+def test_the_command_simulates_alone_and_like_a_trace(tmp_path, simulated):
     alone, like = tmp_path / "alone.csv", tmp_path / "like.csv.gz"
-    first = invoke("--duration", "2", "--out", str(alone))
-    assert first.exit_code == 0, first.output
-    facts = json.loads(first.stdout)
+    facts, _ = simulated(alone, "--duration", "2")
     assert facts["schema"] == "hdbench/simulation/1"
     assert facts["samples"] == 2000
-    second = invoke("--like", str(alone), "--out", str(like))
-    assert second.exit_code == 0, second.output
-    assert json.loads(second.stdout)["like"] == str(alone)
+    facts, _ = simulated(like, "--like", alone)
+    assert facts["like"] == str(alone)
     # a trace file keeps every bit
     assert read_trace(like)["torque_nm"].tobytes() == read_trace(alone)["torque_nm"].tobytes()
 
 
-def test_the_command_takes_an_extended_model(tmp_path: Path, profile: Profile) -> None:
+def test_the_command_takes_an_extended_model(tmp_path, profile, simulated):
     path = tmp_path / "model.json"
     model = BenchModel.from_profile(profile.data)
     drift = CauseTerm("zero-drift", {}, (0.5,))
     save_model(path, model.with_cause(drift), profile=profile, provenance={})
-    traces = []
-    for number, words in enumerate(((), ("--model", str(path)))):
-        out = tmp_path / f"{number}.csv"
-        assert invoke("--duration", "1", "--out", str(out), *words).exit_code == 0
-        traces.append(read_trace(out))
-    added = traces[1]["torque_nm"] - traces[0]["torque_nm"]
+    plain, drifting = tmp_path / "plain.csv", tmp_path / "drifting.csv"
+    simulated(plain, "--duration", "1")
+    simulated(drifting, "--duration", "1", "--model", path)
+    added = read_trace(drifting)["torque_nm"] - read_trace(plain)["torque_nm"]
     # differences of torques of about 1 N m
-    np.testing.assert_allclose(added, 0.5 * traces[0].time_s, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(added, 0.5 * read_trace(plain).time_s, rtol=0, atol=1e-14)
 
 
-def test_the_command_never_writes_over_what_was_measured(tmp_path: Path) -> None:
+def test_wrong_calls_write_nothing_and_never_over_what_was_measured(tmp_path, simulated):
     path = tmp_path / "trace.csv"
-    invoke("--duration", "1", "--out", str(path))
+    simulated(path, "--duration", "1")
     before = path.read_bytes()
-    for source in (path, tmp_path):
-        result = invoke("--like", str(source), "--out", str(path))
-        assert isinstance(result.exception, UsageError)
+    for out, words in (
+        (path, ("--like", path)),
+        (path, ("--like", tmp_path)),
+        # a measured motion has its own length
+        (tmp_path / "x.csv", ("--like", path, "--duration", "2")),
+        (tmp_path / "trace.txt", ("--duration", "1")),
+    ):
+        simulated(out, *words, code=2)
     assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_command_refuses_a_length_for_a_measured_motion(tmp_path: Path) -> None:
-    path = tmp_path / "trace.csv"
-    invoke("--duration", "1", "--out", str(path))
-    result = invoke("--like", str(path), "--duration", "2", "--out", str(tmp_path / "x.csv"))
-    assert isinstance(result.exception, UsageError)
-
-
-def test_the_command_writes_traces_only(tmp_path: Path) -> None:
-    result = invoke("--duration", "1", "--out", str(tmp_path / "trace.txt"))
-    assert isinstance(result.exception, UsageError)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_simulation_without_a_single_torque_says_so(tmp_path: Path, profile: Profile) -> None:
+def test_a_simulation_without_a_single_torque_says_so(tmp_path, profile, simulated):
     path, model = tmp_path / "trace.csv", tmp_path / "model.json"
-    invoke("--duration", "1", "--out", str(path))
+    simulated(path, "--duration", "1")
     lost = np.full(1000, np.nan)
     write_trace(path, read_trace(path).with_columns(load_torque_nm=lost))
     loaded = BenchModel.from_profile(profile.data).with_cause(CauseTerm("gain-error", {}, (0.1,)))
     save_model(model, loaded, profile=profile, provenance={})
-    result = invoke("--like", str(path), "--model", str(model), "--out", str(tmp_path / "o.csv"))
-    assert result.exit_code == 6
-    assert json.loads(result.stdout)["torque_rms_nm"] is None
+    facts, _ = simulated(tmp_path / "o.csv", "--like", path, "--model", model, code=6)
+    assert facts["torque_rms_nm"] is None
 
 
-def test_lost_samples_make_the_simulation_doubtful(tmp_path: Path) -> None:
+def test_lost_samples_make_the_simulation_doubtful(tmp_path, simulated):
     path, out = tmp_path / "trace.csv", tmp_path / "out.csv"
-    invoke("--duration", "1", "--out", str(path))
+    simulated(path, "--duration", "1")
     trace = read_trace(path)
     velocity = trace["motor_velocity_rad_s"].copy()
     velocity[500] = np.nan
     write_trace(path, trace.with_columns(motor_velocity_rad_s=velocity))
-    result = invoke("--like", str(path), "--out", str(out))
-    assert result.exit_code == 6
-    assert json.loads(result.stdout)["lost_samples"] == 1
-    assert "1 of 1000 samples" in result.stderr
+    facts, said = simulated(out, "--like", path, code=6)
+    assert facts["lost_samples"] == 1
+    assert "1 of 1000 samples" in said
     assert np.flatnonzero(np.isnan(read_trace(out)["torque_nm"])).tolist() == [500]
 
 
-def test_a_run_of_its_own_can_show_every_cause(bench: ProfileData, middle_shape) -> None:
+def test_a_run_of_its_own_can_show_every_cause(bench, middle_shape):
     wave = ReferenceWave(wave="sine", amplitude_v=0.8, frequency_hz=2.0)
     base = BenchModel.from_profile(bench)
     plain = run_of(bench, wave, 1.0)
@@ -227,9 +206,7 @@ def test_a_run_of_its_own_can_show_every_cause(bench: ProfileData, middle_shape)
     assert run["motor_current_a"][20] == pytest.approx(bench.servo.max_current_a, rel=1e-12, abs=0)
 
 
-def test_the_true_torque_is_what_is_left_without_ripple_misalignment_and_noise(
-    bench: ProfileData,
-) -> None:
+def test_the_true_torque_is_what_is_left_without_ripple_misalignment_and_noise(bench):
     model = BenchModel.from_profile(bench)
     simulated = simulate_run(
         bench,

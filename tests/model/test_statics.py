@@ -39,13 +39,10 @@ def test_readings_stand_still_under_their_loads():
     assert motion.starts.tolist() == [True, False, True]
     assert motion.time_s.tolist() == [0.0, 30.0, 90.0]
     assert motion.temperature_c is None
-
-
-def test_temperature_comes_along():
-    motion = motion_from_loads(
+    warm = motion_from_loads(
         loads([("a", 0.0, 0.0), ("a", 9.0, 30.0)], temperature_c=21.5), PROFILE
     )
-    assert motion.temperature_c.tolist() == [21.5, 21.5]
+    assert warm.temperature_c.tolist() == [21.5, 21.5]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Causes of a user's own: files, model files, installed packages."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -27,7 +25,6 @@ from hdbench.model import (
     user_causes,
 )
 from hdbench.model.cause import plugin_causes
-from hdbench.profile import Profile
 
 Make = Callable[..., Motion]
 EXAMPLE = (Path(__file__).parents[2] / "docs" / "causes.md").read_text(encoding="utf-8")
@@ -60,9 +57,7 @@ GROWTH: dict[str, Callable[[Motion], Any]] = {
 
 
 @pytest.mark.parametrize("growth", GROWTH)
-def test_fixed_orders_are_sines_of_the_angle(
-    growth: str, tmp_path: Path, make_motion: Make
-) -> None:
+def test_fixed_orders_are_sines_of_the_angle(growth, tmp_path, make_motion):
     text = f'kind = "harmonics"\nof = "output"\norders = [3, 7.5]\ngrows_with = "{growth}"'
     cause, motion = one(tmp_path, text), make_motion()
     o, size = motion.output_angle_rad, GROWTH[growth](motion)
@@ -72,7 +67,7 @@ def test_fixed_orders_are_sines_of_the_angle(
     assert not cause.harmonic
 
 
-def test_an_order_that_is_fitted_brings_its_harmonics(tmp_path: Path, make_motion: Make) -> None:
+def test_an_order_that_is_fitted_brings_its_harmonics(tmp_path, make_motion):
     text = 'kind = "harmonics"\nof = "motor"\norder_range = [3.2, 3.6]\nmultiples = [1, 3]'
     cause, motion = one(tmp_path, text), make_motion()
     a = 3.4 * motion.angle_rad
@@ -81,7 +76,7 @@ def test_an_order_that_is_fitted_brings_its_harmonics(tmp_path: Path, make_motio
     assert (cause.shape[0].lower, cause.shape[0].upper) == (3.2, 3.6)
 
 
-def test_a_tone_is_a_sine_over_time(tmp_path: Path, make_motion: Make) -> None:
+def test_a_tone_is_a_sine_over_time(tmp_path, make_motion):
     fixed = one(tmp_path, 'kind = "tone"\nfrequencies_hz = [37.0]')
     motion = make_motion()
     phase = 2 * math.pi * 37.0 * motion.time_s
@@ -101,9 +96,7 @@ def test_a_tone_is_a_sine_over_time(tmp_path: Path, make_motion: Make) -> None:
         ("temperature", lambda m: m.temperature_c - m.temperature_c[0]),
     ],
 )
-def test_a_polynomial_has_one_column_for_each_power(
-    over: str, variable: Callable[[Motion], Any], tmp_path: Path, make_motion: Make
-) -> None:
+def test_a_polynomial_has_one_column_for_each_power(over, variable, tmp_path, make_motion):
     text = f'kind = "polynomial"\nover = "{over}"\npowers = [1, 3]\nscale = 20'
     cause, motion = one(tmp_path, text), make_motion()
     x = variable(motion) / 20
@@ -111,9 +104,7 @@ def test_a_polynomial_has_one_column_for_each_power(
     assert [p.name for p in cause.linear] == ["power_1_nm", "power_3_nm"]
 
 
-def test_a_table_is_joined_by_straight_lines_round_the_turn(
-    tmp_path: Path, make_motion: Make
-) -> None:
+def test_a_table_is_joined_by_straight_lines_round_the_turn(tmp_path, make_motion):
     text = 'kind = "table"\nof = "motor"\nangle_rad = [1, 2, 4]\ntorque_nm = [0, 1, -0.5]'
     cause = one(tmp_path, text)
     gap = 2 * math.pi - 3
@@ -124,7 +115,7 @@ def test_a_table_is_joined_by_straight_lines_round_the_turn(
     np.testing.assert_allclose(cause.columns(motion, {})[:, 0], want, rtol=0, atol=2e-14)
 
 
-def test_a_record_without_temperature_says_so(tmp_path: Path, make_motion: Make) -> None:
+def test_a_record_without_temperature_says_so(tmp_path, make_motion):
     cause = one(tmp_path, 'kind = "polynomial"\nover = "temperature"\npowers = [1]')
     assert "no temperature_c" in str(cause.applicable(make_motion(temperature_c=None)))
     term = CauseTerm("own", {}, (0.1,))
@@ -162,9 +153,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("text", "line", "what", "fix"), BAD, ids=[b[2] + b[3] for b in BAD])
-def test_a_wrong_entry_is_told_by_line_and_need(
-    text: str, line: str, what: str, fix: str, tmp_path: Path
-) -> None:
+def test_a_wrong_entry_is_told_by_line_and_need(text, line, what, fix, tmp_path):
     path = tmp_path / "own.toml"
     with pytest.raises(DataError) as caught:
         one(tmp_path, text)
@@ -192,7 +181,7 @@ def test_a_wrong_entry_is_told_by_line_and_need(
         ),
     ],
 )
-def test_a_wrong_file_is_told(text: str, what: str, tmp_path: Path) -> None:
+def test_a_wrong_file_is_told(text, what, tmp_path):
     with pytest.raises(DataError) as caught:
         load_causes(written(tmp_path / "own.toml", text))
     assert what in caught.value.what
@@ -200,14 +189,14 @@ def test_a_wrong_file_is_told(text: str, what: str, tmp_path: Path) -> None:
         load_causes(tmp_path / "none.toml")
 
 
-def test_every_problem_of_a_file_is_told_at_once(tmp_path: Path) -> None:
+def test_every_problem_of_a_file_is_told_at_once(tmp_path):
     text = '[[cause]]\nname = "a"\nkind = "tone"\nhz = 1\n[[cause]]\nname = "B"\nkind = "tone"\n'
     with pytest.raises(DataError, match="2 problems") as caught:
         load_causes(written(tmp_path / "own.toml", text))
     assert [p.where.rpartition(":")[2] for p in caught.value.problems] == ["4", "6"]
 
 
-def test_several_files_may_not_share_a_name(tmp_path: Path) -> None:
+def test_several_files_may_not_share_a_name(tmp_path):
     text = '[[cause]]\nname = "own"\nkind = "tone"\nfrequencies_hz = [3]\n'
     first, second = (written(tmp_path / f"{n}.toml", text) for n in "ab")
     assert [c.name for c in user_causes([first])] == ["own"]
@@ -216,9 +205,7 @@ def test_several_files_may_not_share_a_name(tmp_path: Path) -> None:
         user_causes([first, second])
 
 
-def test_a_model_file_carries_declared_causes(
-    tmp_path: Path, profile: Profile, make_motion: Make
-) -> None:
+def test_a_model_file_carries_declared_causes(tmp_path, profile, make_motion):
     toml = written(tmp_path / "own.toml", EXAMPLE.split("```toml\n")[1].split("```")[0])
     causes = user_causes([toml])
     assert len(causes) >= 4
@@ -250,16 +237,14 @@ def test_a_model_file_carries_declared_causes(
     assert caught.value.where == f"{path}: key definitions.0"
 
 
-def test_a_declaration_that_is_not_used_stays_out_of_the_file(
-    tmp_path: Path, profile: Profile
-) -> None:
+def test_a_declaration_that_is_not_used_stays_out_of_the_file(tmp_path, profile):
     cause = one(tmp_path, 'kind = "tone"\nfrequencies_hz = [3]')
     model = BenchModel.from_profile(profile.data).with_extra([cause])
     save_model(tmp_path / "m.json", model, profile=profile, provenance={})
     assert json.loads((tmp_path / "m.json").read_text())["definitions"] == []
 
 
-def test_two_causes_of_one_name_never_share_a_model(tmp_path: Path, profile: Profile) -> None:
+def test_two_causes_of_one_name_never_share_a_model(tmp_path, profile):
     first = one(tmp_path, 'kind = "tone"\nfrequencies_hz = [3]')
     other = one(tmp_path, 'kind = "tone"\nfrequencies_hz = [4]')
     model = BenchModel.from_profile(profile.data).with_extra([first, first])
@@ -300,7 +285,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     plugin_causes.cache_clear()
 
 
-def test_an_installed_package_brings_causes(installed: Callable[..., None]) -> None:
+def test_an_installed_package_brings_causes(installed):
     a, b, c, d = (renamed(f"own-{k}") for k in "abcd")
     installed(a, [b], lambda: (c, d))
     assert list(catalogue())[48:] == ["own-a", "own-b", "own-c", "own-d"]
@@ -320,9 +305,7 @@ def test_an_installed_package_brings_causes(installed: Callable[..., None]) -> N
         (renamed("backlash"), "'backlash', a name that is taken"),
     ],
 )
-def test_a_broken_package_is_named(
-    thing: object, words: str, installed: Callable[..., None]
-) -> None:
+def test_a_broken_package_is_named(thing, words, installed):
     installed(thing)
     with pytest.raises(DataError) as caught:
         catalogue()
@@ -333,7 +316,7 @@ def test_a_broken_package_is_named(
     assert cause_named("backlash", where="here").name == "backlash"
 
 
-def test_the_list_of_causes_is_plain_data_in_the_contracts_order() -> None:
+def test_the_list_of_causes_is_plain_data_in_the_contracts_order():
     described = json.loads(json.dumps(describe_causes(), allow_nan=False))
     assert [entry["name"] for entry in described] == list(catalogue())
     for entry, cause in zip(described, catalogue().values(), strict=True):

@@ -5,8 +5,6 @@ processes that update it are killed with -9; two processes list at once. After e
 is held against what the folders say, read by code of its own: `make campaigns` walks through many.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,12 +1,11 @@
 """Exported records equal the originals, read back by the programs' own libraries."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from runkit import write_run
 
 from hdbench.errors import DataError, UsageError
 from hdbench.profile import load_profile
@@ -34,7 +33,7 @@ def loads_file(tmp_path: Path) -> Path:
     return file
 
 
-def test_parquet_holds_numbers_units_and_origin(trace_file: Path, tmp_path: Path) -> None:
+def test_parquet_holds_numbers_units_and_origin(trace_file, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     out = export_records(gather(trace_file, ARM), tmp_path / "out", "parquet")
     table = parquet.read_table(out)
@@ -46,7 +45,7 @@ def test_parquet_holds_numbers_units_and_origin(trace_file: Path, tmp_path: Path
     assert table["own column"].to_pylist() == [7.0, 8.0]
 
 
-def test_hdf5_holds_numbers_units_and_words(loads_file: Path, tmp_path: Path) -> None:
+def test_hdf5_holds_numbers_units_and_words(loads_file, tmp_path):
     h5py = pytest.importorskip("h5py")
     out = export_records(gather(loads_file, ARM), tmp_path, "hdf5")
     with h5py.File(out) as file:
@@ -58,7 +57,7 @@ def test_hdf5_holds_numbers_units_and_words(loads_file: Path, tmp_path: Path) ->
         assert len(file.attrs["sha256"]) == 64
 
 
-def test_mat_holds_a_structure_of_columns(trace_file: Path, tmp_path: Path) -> None:
+def test_mat_holds_a_structure_of_columns(trace_file, tmp_path):
     from scipy.io import loadmat
 
     text = trace_file.read_text().replace("own column", "own_column")
@@ -70,29 +69,19 @@ def test_mat_holds_a_structure_of_columns(trace_file: Path, tmp_path: Path) -> N
     assert body["about"]["source"] == str(trace_file)
 
 
-def test_a_name_that_matlab_cannot_hold_is_told(trace_file: Path, tmp_path: Path) -> None:
+def test_a_name_that_matlab_cannot_hold_is_told(trace_file, tmp_path):
     with pytest.raises(DataError, match="own column"):
         export_records(gather(trace_file, ARM), tmp_path / "out", "mat")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("kind", sorted(FORMATS))
-def test_a_run_takes_its_profile_and_result_along(kind: str, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    run.mkdir()
+def test_a_run_takes_its_profile_and_result_along(kind, tmp_path):
+    profile = {"name": "p", "sha256": "0" * 64, "text": "x" * 100_000}
+    run = write_run(tmp_path / "run", "ripple", {"ripple": []}, profile=profile)
     (run / "trace.csv").write_text("time_s,tacho_v,torque_nm\n0,1,1\n0.001,1,2\n")
-    manifest = {
-        "schema": "hdbench/run/1",
-        "run_id": "r1",
-        "kind": "ripple",
-        "status": "complete",
-        "files": {},
-        "profile": {"name": "p", "sha256": "0" * 64, "text": "x" * 100_000},
-    }
-    (run / "run.json").write_text(json.dumps(manifest))
-    (run / "result.json").write_text(json.dumps({"schema": "hdbench/ripple/1", "ripple": []}))
     content = gather(run, ARM)
-    assert content.attributes["run_id"] == "r1"
+    assert content.attributes["run_id"] == "run"
     assert len(content.attributes["profile_toml"]) == 100_000
     assert json.loads(content.attributes["result_json"])["ripple"] == []
     pytest.importorskip({"parquet": "pyarrow", "hdf5": "h5py", "mat": "scipy"}[kind])
@@ -100,9 +89,7 @@ def test_a_run_takes_its_profile_and_result_along(kind: str, tmp_path: Path) -> 
     assert out.stat().st_size > 0
 
 
-def test_a_library_that_is_missing_is_named_with_its_extra(
-    trace_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_library_that_is_missing_is_named_with_its_extra(trace_file, tmp_path, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "h5py", None)
@@ -111,7 +98,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     assert "hdbench[hdf5]" in found.value.fix
 
 
-def test_an_unknown_form_is_refused(trace_file: Path, tmp_path: Path) -> None:
+def test_an_unknown_form_is_refused(trace_file, tmp_path):
     with pytest.raises(UsageError, match="xlsx"):
         export_records(gather(trace_file, ARM), tmp_path, "xlsx")
 
@@ -127,26 +114,19 @@ def test_an_unknown_form_is_refused(trace_file: Path, tmp_path: Path) -> None:
         ("stage", ""),
     ],
 )
-def test_units_are_read_off_the_names(name: str, unit: str) -> None:
+def test_units_are_read_off_the_names(name, unit):
     assert unit_of_column(name) == unit
 
 
-def test_the_command_offers_every_form_and_names_what_it_wrote(
-    trace_file: Path, tmp_path: Path
-) -> None:
-    from click.testing import CliRunner
-
+def test_the_command_offers_every_form_and_names_what_it_wrote(trace_file, tmp_path, hdbench):
     from hdbench_cli.commands import export
-    from hdbench_cli.output import Output
 
     choice = next(param.type for param in export.command.params if param.name == "kind")
     assert set(choice.choices) == set(FORMATS)
     second = trace_file.with_name("other.csv")
     second.write_text(trace_file.read_text().replace("own column", "own_column"))
-    words = [str(trace_file), str(second), "--format", "parquet", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(export.command, words, obj=Output(json=True))
-    assert done.exit_code == 0, done.exception
-    rows = json.loads(done.stdout)["exported"]
+    words = (trace_file, second, "--format", "parquet", "--out", tmp_path / "out", "--json")
+    rows = json.loads(hdbench("export", *words)[0])["exported"]
     assert [Path(row["file"]).relative_to(tmp_path) for row in rows] == [
         Path("out/log/trace.parquet"),
         Path("out/other/trace.parquet"),
@@ -155,11 +135,5 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(
 
 
 @pytest.mark.parametrize("words", [["--out", "x"], ["--format", "mat", "--out", "x"]])
-def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words: list[str]) -> None:
-    from click.testing import CliRunner
-
-    from hdbench_cli.commands import export
-    from hdbench_cli.output import Output
-
-    done = CliRunner().invoke(export.command, words, obj=Output())
-    assert isinstance(done.exception, UsageError)
+def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words, hdbench):
+    hdbench("export", *words, code=2)

@@ -2,7 +2,6 @@
 
 import os
 import random
-import signal
 import subprocess
 import sys
 
@@ -186,35 +185,3 @@ def test_a_full_disk_keeps_every_acknowledged_block(tmp_path):
     assert done > 10
     assert len(content.blocks) == done
     assert content.torn_bytes > 0
-
-
-KILLED = """
-import sys
-import numpy as np
-from pathlib import Path
-from hdbench.records.journal import JournalWriter
-journal = JournalWriter(Path(sys.argv[1]))
-k = 0
-while True:
-    journal.append("samples", {"a": np.full(400, float(k))})
-    k += 1
-    print(k, flush=True)
-"""
-
-
-@pytest.mark.skipif(os.name != "posix", reason="kill -9")
-def test_a_killed_writer_loses_no_acknowledged_block(tmp_path):
-    for seed in range(4):
-        path = tmp_path / f"j{seed}"
-        with subprocess.Popen(
-            [sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True
-        ) as process:
-            for _ in range(10 + 37 * seed):
-                process.stdout.readline()
-            process.send_signal(signal.SIGKILL)
-            rest = process.stdout.read().split("\n")
-        acknowledged = 10 + 37 * seed + sum(bool(word) for word in rest[:-1])
-        content = read_journal(path)
-        assert acknowledged <= len(content.blocks) <= acknowledged + 1
-        for k, block in enumerate(content.blocks):
-            assert np.array_equal(block.columns["a"], np.full(400, float(k)))

@@ -1,7 +1,5 @@
 """Readings that were taken again: the last one counts, the others stay."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +27,7 @@ def event(name: str, **body) -> tuple:
     return "event", {"event": name, **body}
 
 
-def test_a_reopened_point_counts_with_its_last_reading(tmp_path: Path) -> None:
+def test_a_reopened_point_counts_with_its_last_reading(tmp_path):
     path = journal(
         tmp_path / "j",
         reading(1, 0.1),
@@ -44,12 +42,12 @@ def test_a_reopened_point_counts_with_its_last_reading(tmp_path: Path) -> None:
     assert found == [(0.1, "repeat"), (0.2, "back"), (0.3, "repeat"), (0.4, None)]
 
 
-def test_readings_without_a_point_all_count(tmp_path: Path) -> None:
+def test_readings_without_a_point_all_count(tmp_path):
     path = journal(tmp_path / "j", reading(None, 0.1), reading(None, 0.1))
     assert [e.superseded for e in reading_entries(read_journal(path))] == [None, None]
 
 
-def test_a_broken_off_acquisition_counts_until_it_is_taken_again(tmp_path: Path) -> None:
+def test_a_broken_off_acquisition_counts_until_it_is_taken_again(tmp_path):
     first = [
         event("acquisition", step=1, attempt=1),
         ("samples", {"n": 1}),
@@ -74,7 +72,7 @@ def test_a_broken_off_acquisition_counts_until_it_is_taken_again(tmp_path: Path)
     ]
 
 
-def test_a_resumed_journal_goes_on_behind_the_last_whole_block(tmp_path: Path) -> None:
+def test_a_resumed_journal_goes_on_behind_the_last_whole_block(tmp_path):
     path = journal(tmp_path / "j", reading(1, 0.1), reading(2, 0.2))
     whole = path.read_bytes()
     for cut in (0, 1, 20, 60):
@@ -91,7 +89,7 @@ def test_a_resumed_journal_goes_on_behind_the_last_whole_block(tmp_path: Path) -
         assert after.blocks[-1].extra["point"] == 3
 
 
-def test_a_damaged_middle_is_told_and_does_not_stop_a_resumed_journal(tmp_path: Path) -> None:
+def test_a_damaged_middle_is_told_and_does_not_stop_a_resumed_journal(tmp_path):
     path = journal(tmp_path / "j", *(reading(k, 0.1 * k) for k in range(1, 5)))
     raw = bytearray(path.read_bytes())
     raw[len(raw) // 2] ^= 0xFF

@@ -1,40 +1,32 @@
 """A Parquet trace is read as its CSV is, and runs keep one beside the CSV on request."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from swinging_shaft import record
 
 from hdbench.errors import DataError
 from hdbench.records import read_trace, sha256_file, write_trace
 from hdbench.records.exporting import export_records, gather
 from hdbench.records.tables.csvtext import read_header
 from hdbench.records.tables.parquetfile import parquet_names
-from hdbench.records.trace import Trace
-from hdbench_cli import main as main_module
-from hdbench_cli.output import Output
 
 parquet = pytest.importorskip("pyarrow.parquet")
 arrow = pytest.importorskip("pyarrow")
 
 
 def stored(tmp_path: Path, n: int = 3000, *, lost: bool = False) -> Path:
-    """Write a trace in closed form: ripple of orders 2 and 4 at changing speed."""
-    time = np.arange(n) / 500.0
-    angle = 300.0 / np.pi * (1.0 - np.cos(0.5 * np.pi * time))
-    torque = 0.4 * np.cos(2.0 * angle) + 0.2 * np.cos(4.0 * angle)
-    torque += np.random.default_rng(3).normal(0.0, 0.01, n)
+    """Write a trace of a shaft that turns to and fro."""
+    trace = record(motion=(0.0, 150.0, 4.0), n=n, period_s=2e-3, noise_nm=0.01, seed=3)
     if lost:
-        torque[7] = np.nan
-    columns = {"time_s": time, "motor_velocity_rad_s": 150.0 * np.sin(0.5 * np.pi * time)}
-    write_trace(tmp_path / "trace.csv", Trace({**columns, "torque_nm": torque}, "made"))
+        trace["torque_nm"][7] = np.nan
+    write_trace(tmp_path / "trace.csv", trace)
     return tmp_path / "trace.csv"
 
 
-def test_the_same_bits_come_back_from_parquet(tmp_path: Path) -> None:
+def test_the_same_bits_come_back_from_parquet(tmp_path):
     source = stored(tmp_path, lost=True)
     made = export_records(gather(source, None), tmp_path / "out", "parquet")
     first, second = read_trace(source), read_trace(made)
@@ -54,9 +46,7 @@ def test_the_same_bits_come_back_from_parquet(tmp_path: Path) -> None:
         ({"time_s": [], "torque_nm": []}, "0 rows"),
     ],
 )
-def test_what_a_csv_may_not_hold_a_parquet_file_may_not(
-    tmp_path: Path, columns: dict[str, list[float]], word: str
-) -> None:
+def test_what_a_csv_may_not_hold_a_parquet_file_may_not(tmp_path, columns, word):
     file = tmp_path / "bad.parquet"
     parquet.write_table(arrow.table(columns), file)
     with pytest.raises(DataError) as caught:
@@ -64,7 +54,7 @@ def test_what_a_csv_may_not_hold_a_parquet_file_may_not(
     assert word in caught.value.what
 
 
-def test_a_file_that_is_no_parquet_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_no_parquet_is_told(tmp_path):
     file = tmp_path / "bad.parquet"
     file.write_text("time_s,torque_nm\n0,1\n")
     with pytest.raises(DataError) as caught:
@@ -74,19 +64,13 @@ def test_a_file_that_is_no_parquet_is_told(tmp_path: Path) -> None:
         read_trace(tmp_path / "missing.parquet")
 
 
-def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(tmp_path, hdbench):
     source = stored(tmp_path)
-    out = ["--no-report", "--out", str(tmp_path / "runs"), "--json"]
-    words = ["run-ripple", "--from", str(source), "--format", "parquet", *out]
-    assert main_module._run(words, Output(json=True)) == 0
-    first = json.loads(capsys.readouterr().out)
+    out = ("--no-report", "--out", tmp_path / "runs", "--json")
+    first = json.loads(hdbench("run-ripple", "--from", source, "--format", "parquet", *out)[0])
     folder = Path(first["run_folder"])
     manifest = json.loads((folder / "run.json").read_text())
     assert manifest["files"]["trace.parquet"] == sha256_file(folder / "trace.parquet")
-    assert main_module._run(["runs", "verify", str(folder), "--json"], Output(json=True)) == 0
-    capsys.readouterr()
-    again = ["run-ripple", "--from", str(folder / "trace.parquet"), *out]
-    assert main_module._run(again, Output(json=True)) == 0
-    assert json.loads(capsys.readouterr().out)["ripple"] == first["ripple"]
+    hdbench("runs", "verify", folder)
+    again = hdbench("run-ripple", "--from", folder / "trace.parquet", *out)[0]
+    assert json.loads(again)["ripple"] == first["ripple"]

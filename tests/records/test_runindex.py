@@ -5,12 +5,10 @@ import sqlite3
 import sys
 import time
 from datetime import UTC, datetime
-from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 import index_histories
+import pytest
+from runkit import write_run
 
 from hdbench.records import list_runs, select_runs
 from hdbench.records import runindex as index
@@ -21,13 +19,8 @@ def later():
 
 
 def add(parent, name, *, drive="A", verdict="named", started="2026-11-21T10:00:00Z", kind=None):
-    folder = parent / name
-    folder.mkdir(parents=True)
-    body = {"schema": "hdbench/run/1", "kind": kind or "diagnosis", "status": "complete"}
-    body |= {"files": {}, "profile": {"name": "p"}, "drive": drive, "started_utc": started}
-    (folder / "run.json").write_text(json.dumps(body))
-    (folder / "result.json").write_text(json.dumps({"verdict": verdict, "accepted": None}))
-    return folder
+    result = {"verdict": verdict, "accepted": None}
+    return write_run(parent / name, kind or "diagnosis", result, drive=drive, started_utc=started)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="forks")

@@ -1,19 +1,14 @@
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner
 
-from hdbench.errors import DataError, HdbenchError, LimitError
+from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records.tables import read_trace, write_trace
 from hdbench.regression import Tolerance, compare_folder, compare_results
-from hdbench_cli.commands.regress import command
-from hdbench_cli.output import Output
 
 STORED = Path(__file__).parents[1] / "stored"
 
@@ -32,7 +27,7 @@ def _edit(file: Path, path: tuple[str | int, ...], value: object) -> None:
     file.write_text(json.dumps(body))
 
 
-def test_the_stored_traces_give_the_stored_results() -> None:
+def test_the_stored_traces_give_the_stored_results():
     report = compare_folder(STORED)
     moved = [change.describe() for case in report.cases for change in case.changes]
     assert report.passed, moved
@@ -45,34 +40,28 @@ def test_the_stored_traces_give_the_stored_results() -> None:
     assert all(case.compared > 20 for case in report.cases)
 
 
-def test_the_stored_results_are_the_truth_of_their_generator() -> None:
-    def result(name: str) -> dict[str, object]:
-        body: dict[str, object] = json.loads((STORED / name / "expected.json").read_text())
-        found = body["result"]
-        assert isinstance(found, dict)
-        return found
+def test_the_stored_results_are_the_truth_of_their_generator():
+    def result(name):
+        return json.loads((STORED / name / "expected.json").read_text())["result"]
 
-    def near(quantity: object, truth: float) -> None:
-        assert isinstance(quantity, dict)
+    def near(quantity, truth):
         # five standard uncertainties: one seed out of a million is outside
         assert abs(quantity["value"] - truth) < 5.0 * quantity["std"]
 
     near(result("misalignment")["amplitude_nm"], 0.9)
     near(result("misalignment")["phase_rad"], 0.3)
-    lines = result("ripple")["ripple"]
-    assert isinstance(lines, list)
-    for line, truth in zip(lines, ((0.4, 0.6), (0.2, -1.1)), strict=True):
+    for line, truth in zip(result("ripple")["ripple"], ((0.4, 0.6), (0.2, -1.1)), strict=True):
         near(line["amplitude_nm"], truth[0])
         near(line["phase_rad"], truth[1])
     near(result("calibration")["gain_nm_per_v"], 6.6)
 
 
-def test_the_stored_traces_are_small() -> None:
+def test_the_stored_traces_are_small():
     size = sum(file.stat().st_size for file in STORED.rglob("*") if file.is_file())
     assert size < 2_000_000
 
 
-def test_a_changed_inertia_is_caught_by_name(stored: Path) -> None:
+def test_a_changed_inertia_is_caught_by_name(stored):
     profile = load_profile("cim-tr-97-06")
     text = profile.text.replace("load_inertia_kg_m2 = 1.725e-2", "load_inertia_kg_m2 = 1.9e-2")
     assert text != profile.text
@@ -85,20 +74,18 @@ def test_a_changed_inertia_is_caught_by_name(stored: Path) -> None:
     assert any(key.startswith("samples_nm") for key in keys)
 
 
-def test_a_changed_gain_moves_the_amplitude_by_the_same_share(stored: Path) -> None:
+def test_a_changed_gain_moves_the_amplitude_by_the_same_share(stored):
     gain = {"value": 6.6 * 1.01, "std": 0.0}
     _edit(stored / "misalignment" / "case.json", ("gain_nm_per_v",), gain)
     (case,) = compare_folder(stored / "misalignment").cases
     change = next(c for c in case.changes if c.key == "amplitude_nm.value")
     assert change.regression
-    assert isinstance(change.expected, float)
-    assert isinstance(change.found, float)
     # the fit is linear in the torque up to the noise model, found by iteration
     assert change.found / change.expected == pytest.approx(1.01, rel=0, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["filter", "misalignment", "ripple"])
-def test_torque_in_newton_metres_goes_before_volts_in_every_kind(stored: Path, name: str) -> None:
+def test_torque_in_newton_metres_goes_before_volts_in_every_kind(stored, name):
     file = stored / name / json.loads((stored / name / "case.json").read_text())["input"]
     trace = read_trace(file)
     volts = trace["torque_v"]
@@ -112,7 +99,7 @@ def test_torque_in_newton_metres_goes_before_volts_in_every_kind(stored: Path, n
     assert values in ([], ["torque_scale.gain_nm_per_v.value"])
 
 
-def test_what_moved_is_told_in_units_of_its_tolerance(stored: Path) -> None:
+def test_what_moved_is_told_in_units_of_its_tolerance(stored):
     file = stored / "calibration" / "expected.json"
     gain = json.loads(file.read_text())["result"]["gain_nm_per_v"]
     moved = gain["value"] + 0.1 * gain["std"]
@@ -124,7 +111,7 @@ def test_what_moved_is_told_in_units_of_its_tolerance(stored: Path) -> None:
     assert change.in_tolerances == pytest.approx(5.0, rel=1e-6)
 
 
-def test_a_missing_key_is_a_regression_and_a_new_one_is_not() -> None:
+def test_a_missing_key_is_a_regression_and_a_new_one_is_not():
     changes, compared = compare_results({"a": 1.0, "gone": 2.0}, {"a": 1.0, "new": 3.0})
     assert compared == 1
     assert [(c.key, c.what, c.regression) for c in changes] == [
@@ -146,21 +133,19 @@ def test_a_missing_key_is_a_regression_and_a_new_one_is_not() -> None:
         (0.0, 1e-13, None),
     ],
 )
-def test_values_compare_as_they_should(
-    expected: object, found: object, regression: bool | None
-) -> None:
+def test_values_compare_as_they_should(expected, found, regression):
     changes, _ = compare_results({"x": expected}, {"x": found})
     assert [c.regression for c in changes] == ([] if regression is None else [regression])
 
 
-def test_words_and_hashes_are_told_but_are_no_regression() -> None:
+def test_words_and_hashes_are_told_but_are_no_regression():
     changes, _ = compare_results(
         {"sha256": "a", "gain_basis_reason": "old"}, {"sha256": "b", "gain_basis_reason": "new"}
     )
     assert [c.regression for c in changes] == [False, False]
 
 
-def test_a_phase_may_wrap() -> None:
+def test_a_phase_may_wrap():
     changes, _ = compare_results(
         {"phase_rad": {"value": 3.14159265, "std": 0.1}},
         {"phase_rad": {"value": -3.14159265, "std": 0.1}},
@@ -168,7 +153,7 @@ def test_a_phase_may_wrap() -> None:
     assert not changes
 
 
-def test_a_tolerance_of_the_case_stands_before_the_defaults() -> None:
+def test_a_tolerance_of_the_case_stands_before_the_defaults():
     own = (Tolerance("ripple[order=2.0].*", "test", rel=0.5),)
     before = {"ripple": [{"order": 2.0, "x": 1.0}, {"order": 4.0, "x": 1.0}]}
     after = {"ripple": [{"order": 2.0, "x": 1.4}, {"order": 4.0, "x": 1.4}]}
@@ -176,14 +161,14 @@ def test_a_tolerance_of_the_case_stands_before_the_defaults() -> None:
     assert [c.key for c in changes] == ["ripple[order=4.0].x"]
 
 
-def test_a_measured_order_that_moves_is_moved_and_not_missing() -> None:
+def test_a_measured_order_that_moves_is_moved_and_not_missing():
     before = {"peaks": [{"order": 1.9593173486873736}, {"order": 2.0429017776150658}]}
     after = {"peaks": [{"order": 1.9593173486873736}, {"order": 2.0429017776}]}
     changes, _ = compare_results(before, after, (Tolerance("*", "test", rel=1e-13),))
     assert [(c.key, c.what) for c in changes] == [("peaks[1].order", "moved")]
 
 
-def test_update_keeps_the_new_results_and_the_next_run_passes(stored: Path) -> None:
+def test_update_keeps_the_new_results_and_the_next_run_passes(stored):
     _edit(stored / "ripple" / "expected.json", ("result", "residual_rms_nm"), 9.0)
     assert not compare_folder(stored / "ripple").passed
     (case,) = compare_folder(stored / "ripple", update=True).cases
@@ -207,9 +192,7 @@ def test_update_keeps_the_new_results_and_the_next_run_passes(stored: Path) -> N
         ("expected.json", ("schema",), "other"),
     ],
 )
-def test_a_broken_case_names_the_file_and_exits_4(
-    name: str, path: tuple[str, ...], value: object, stored: Path
-) -> None:
+def test_a_broken_case_names_the_file_and_exits_4(name, path, value, stored):
     _edit(stored / "ripple" / name, path, value)
     with pytest.raises(DataError) as found:
         compare_folder(stored / "ripple")
@@ -218,9 +201,7 @@ def test_a_broken_case_names_the_file_and_exits_4(
     assert found.value.fix
 
 
-def test_a_folder_without_cases_and_a_case_without_results_are_named(
-    stored: Path, tmp_path: Path
-) -> None:
+def test_a_folder_without_cases_and_a_case_without_results_are_named(stored, tmp_path):
     with pytest.raises(DataError, match=r"case\.json"):
         compare_folder(tmp_path / "nothing")
     (stored / "ripple" / "expected.json").unlink()
@@ -228,73 +209,48 @@ def test_a_folder_without_cases_and_a_case_without_results_are_named(
         compare_folder(stored)
 
 
-def _run(*words: str, as_json: bool = False) -> tuple[BaseException | None, str, int]:
-    found = CliRunner().invoke(command, list(words), obj=Output(json=as_json))
-    return found.exception, found.stdout, found.exit_code
-
-
-def test_the_command_passes_and_prints_one_json_object(stored: Path) -> None:
-    error, text, code = _run(str(stored / "calibration"), as_json=True)
-    assert error is None
-    assert code == 0
-    body = json.loads(text)
+def test_the_command_passes_and_prints_one_json_object(stored, hdbench):
+    body = json.loads(hdbench("regress", stored / "calibration", "--json")[0])
     assert body["schema"] == "hdbench/regression/1"
     assert body["passed"]
 
 
-def test_the_command_exits_3_on_a_regression(stored: Path) -> None:
+def test_the_command_exits_3_on_a_regression_and_writes_its_page(stored, tmp_path, hdbench):
     _edit(stored / "calibration" / "expected.json", ("result", "consistency"), 0.5)
-    error, text, _ = _run(str(stored / "calibration"))
-    assert isinstance(error, LimitError)
-    assert error.exit_code == 3
-    assert "calibration: 1 quantities" in error.what
+    page = tmp_path / "regress.html"
+    text, said = hdbench("regress", stored / "calibration", "--report", page, code=3)
+    assert "calibration: 1 quantities" in said
     assert "consistency: 0.5 ->" in text
-    _, text, code = _run(str(stored / "calibration"), as_json=True)
-    assert code == 3
+    assert str(page) in text
+    assert "consistency" in page.read_text()
+    text, _ = hdbench("regress", stored / "calibration", "--json", code=3)
     assert not json.loads(text)["passed"]
 
 
-def _junit(stored: Path, tmp_path: Path) -> tuple[int, ElementTree.Element]:
-    file = tmp_path / "regress.xml"
-    error, _, _ = _run(str(stored), "--junit", str(file))
-    assert isinstance(error, HdbenchError)
-    return error.exit_code, ElementTree.parse(file).getroot()
+@pytest.fixture
+def junit(stored, tmp_path, hdbench):
+    """Return a function that compares all stored cases, for the suite of the JUnit file."""
+
+    def run(code):
+        hdbench("regress", stored, "--junit", tmp_path / "regress.xml", code=code)
+        return ElementTree.parse(tmp_path / "regress.xml").getroot().find("testsuite")
+
+    return run
 
 
-def test_junit_counts_a_failure_where_a_quantity_moved_and_names_it(
-    stored: Path, tmp_path: Path
-) -> None:
+def test_junit_counts_a_failure_where_a_quantity_moved_and_names_it(stored, junit):
     _edit(stored / "ripple" / "expected.json", ("result", "ripple", 0, "order"), 3.0)
-    code, root = _junit(stored, tmp_path)
-    assert code == 3
-    suite = root.find("testsuite")
-    assert suite is not None
+    suite = junit(3)
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("4", "1", "0")
     failed = [case for case in suite if case.find("failure") is not None]
     assert [case.get("name") for case in failed] == ["ripple"]
-    text = failed[0].findtext("failure")
-    assert text is not None
-    assert "order" in text
+    assert "order" in failed[0].findtext("failure")
 
 
-def test_an_invalid_case_is_an_error_and_the_others_are_still_compared(
-    stored: Path, tmp_path: Path
-) -> None:
+def test_an_invalid_case_is_an_error_and_the_others_are_still_compared(stored, junit):
     # a terminal escape in the name of a key has no place in XML
     (stored / "filter" / "case.json").write_text('{"schema": "hdbench/\x1b[31mcase"}')
-    code, root = _junit(stored, tmp_path)
-    assert code == 4
-    suite = root.find("testsuite")
-    assert suite is not None
+    suite = junit(4)
     assert (suite.get("failures"), suite.get("errors")) == ("0", "1")
     compared = [case for case in suite if case.find("error") is None]
     assert len(compared) == 3
-
-
-def test_the_page_is_written_also_when_something_moved(stored: Path, tmp_path: Path) -> None:
-    _edit(stored / "calibration" / "expected.json", ("result", "consistency"), 0.5)
-    page = tmp_path / "regress.html"
-    error, text, _ = _run(str(stored / "calibration"), "--report", str(page))
-    assert isinstance(error, LimitError)
-    assert str(page) in text
-    assert "consistency" in page.read_text()

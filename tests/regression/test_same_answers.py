@@ -1,7 +1,5 @@
 """The comparison of the answers of two versions: what it passes over, and what it finds."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -30,7 +28,7 @@ def recorded(folder: Path, answer: object, table: str = "a,b\n1.0,2.0\n") -> Pat
     return folder
 
 
-def test_versions_ages_and_names_of_runs_may_differ(tmp_path: Path) -> None:
+def test_versions_ages_and_names_of_runs_may_differ(tmp_path):
     after = {
         "hdbench_version": "0.2.0",
         "gain": 6.5,
@@ -51,22 +49,18 @@ def test_versions_ages_and_names_of_runs_may_differ(tmp_path: Path) -> None:
         ({"extra": None}, ".extra: only after"),
     ],
 )
-def test_any_other_difference_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, Any], told: str
-) -> None:
+def test_any_other_difference_is_told(tmp_path, capsys, change, told):
     folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE | change)
     assert same_answers.compare(*folders, beyond=0.0) == 1
     assert told in capsys.readouterr().out
 
 
-def test_a_table_differs_in_its_last_digit(tmp_path: Path) -> None:
+def test_a_table_differs_in_its_last_digit(tmp_path):
     folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE, "a,b\n1.0,2.1\n")
     assert same_answers.compare(*folders, beyond=1e-9) == 1
 
 
-def test_what_has_a_reason_is_counted_apart(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_has_a_reason_is_counted_apart(tmp_path, capsys, monkeypatch):
     fixed = tmp_path / "set.txt"
     fixed.write_text("~ cal-0/*: .gain: * = a better gain\n[calibrate]\ncal-0: calibrate\n")
     monkeypatch.setattr(same_answers, "SET", fixed)

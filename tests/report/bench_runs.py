@@ -1,7 +1,5 @@
 """Run folders for the tests of the report, from traces that share no code with hdbench."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A headless Chromium for tests: opens a page, plays the mouse, and tells what it complained of."""
 
-from __future__ import annotations
-
 import base64
 import itertools
 import json
@@ -125,7 +123,6 @@ def browser() -> Iterator[Tab]:
         ]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
             try:
-                assert process.stderr is not None
                 found = None
                 while found is None:
                     line = process.stderr.readline()

@@ -1,16 +1,11 @@
 """Runs of every kind for the tests of the report, and one page of all of them."""
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 import bench_runs as bench
+import pytest
 
 from hdbench.profile import Profile
 from hdbench.report import ReportFiles, write_report

@@ -1,20 +1,17 @@
 """The calibration record as a page and as a table."""
 
-from __future__ import annotations
-
 import csv
 import io
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from worked_example import masses
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.profile import load_profile, parse_profile
-from hdbench.records import LoadReading, Loads
+from hdbench.records import Loads
 from hdbench.records.jsonfile import result_header, write_json
 from hdbench.report import write_report
 from hdbench.report.calibration.section import pictures
@@ -32,24 +29,7 @@ half_width_m = 0.0001
 
 
 def readings() -> Loads:
-    rng = np.random.default_rng(9)
-    arm = load_profile("cim-tr-97-06").data.arm
-    rows = []
-    for place in range(3):
-        gain = 6.6 * (1.0 + 0.01 * rng.normal())
-        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
-            for series, order in (("up", (0, 2, 4, 6, 8)), ("down", (8, 6, 4, 2, 0))):
-                for mass in order:
-                    torque = sign * mass * arm.gravity_m_s2 * arm.length_m
-                    reading = torque / gain + 1e-4 * rng.normal()
-                    rows.append(
-                        LoadReading(
-                            f"{place}{way}", 2.0 * math.pi * place / 3.0, "full", way, series,
-                            torque, reading, mass_kg=float(mass), reading_std_v=1e-3, n_samples=100,
-                            time_s=60.0 * len(rows), temperature_c=21.0,
-                        )
-                    )  # fmt: skip
-    return Loads(tuple(rows))
+    return masses(3, reading_std_v=1e-3, n_samples=100, temperature_c=21.0)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +46,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     return files.html.read_text(encoding="utf-8"), (folder / "page-record.csv").read_text()
 
 
-def test_the_record_is_titled_and_unaccredited(record) -> None:
+def test_the_record_is_titled_and_unaccredited(record):
     page, _ = record
     assert "<h1>Calibration record</h1>" in page
     assert "Unaccredited; traceability as declared by the operator." in page
@@ -87,26 +67,24 @@ def test_the_record_is_titled_and_unaccredited(record) -> None:
         "Gain of each experiment", "Budget", "Course of the calibration",
     ],
 )  # fmt: skip
-def test_the_record_holds_every_table_and_figure(record, title: str) -> None:
+def test_the_record_holds_every_table_and_figure(record, title):
     page, _ = record
     assert f'<p class="figtitle">{title}</p>' in page
 
 
-def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record) -> None:
+def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record):
     page, _ = record
     assert "&lt;b&gt;M-1&lt;/b&gt;" in page
     assert "<b>M-1</b>" not in page
     cell = re.search(r"<td>instrument</td>\s*<td>([^<]*)</td><td>([^<]*)</td>", page)
-    assert cell is not None
     assert set(cell.groups()) == {"not declared"}
 
 
-def test_the_uncertainty_is_stated_with_its_factor(record) -> None:
+def test_the_uncertainty_is_stated_with_its_factor(record):
     page, _ = record
     stated = re.search(
         r"multiplied by k = (\d\.\d\d) \(from (\S+) effective degrees of freedom\)", page
     )
-    assert stated is not None
     # three positions: two degrees of freedom and a little more for what is known
     assert 4.0 < float(stated[1]) < 4.31
     assert "coverage probability is about 95 %" in page
@@ -114,7 +92,7 @@ def test_the_uncertainty_is_stated_with_its_factor(record) -> None:
     assert "Monte Carlo with 1000000 trials (seed 0)" in page
 
 
-def test_loading_is_filled_and_unloading_open(record) -> None:
+def test_loading_is_filled_and_unloading_open(record):
     page, _ = record
     start = page.index("Deviation from the line, full range")
     figure = page[start : page.index("</figure>", start)]
@@ -123,7 +101,7 @@ def test_loading_is_filled_and_unloading_open(record) -> None:
     assert "fill: var(--filtered)" in figure
 
 
-def test_the_table_holds_one_number_in_a_row(record) -> None:
+def test_the_table_holds_one_number_in_a_row(record):
     _, text = record
     rows = list(csv.DictReader(io.StringIO(text)))
     parts = {row["part"] for row in rows}
@@ -144,13 +122,11 @@ def test_the_table_holds_one_number_in_a_row(record) -> None:
         (6.6, 0.0, ("6.6", "\N{EN DASH}")),
     ],
 )
-def test_a_result_is_rounded_to_the_second_digit_of_its_uncertainty(
-    value: float, expanded: float, shown: tuple[str, str]
-) -> None:
+def test_a_result_is_rounded_to_the_second_digit_of_its_uncertainty(value, expanded, shown):
     assert rounded_with(value, expanded) == shown
 
 
-def test_preloads_and_shunt_readings_are_not_drawn_as_readings() -> None:
+def test_preloads_and_shunt_readings_are_not_drawn_as_readings():
     loads = readings()
     shunt = replace(loads.readings[0], torque_nm=0.0, mass_kg=0.0, reading_v=9.9)
     kinds = (*["reading"] * len(loads), "shunt")

@@ -1,10 +1,7 @@
 """The tables of a diagnosis can be read at any width; its limits stand with the verdict."""
 
-from __future__ import annotations
-
 import json
 import shutil
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -92,7 +89,7 @@ def result(found: dict[str, Any], **changes: object) -> DiagnosisResult:
     return DiagnosisResult.from_json({**found, **changes}, "result.json")
 
 
-def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once(found, cause) -> None:
+def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once(found, cause):
     table = tables(result(found))[0]
     name, parameters, speaks = table.rows[2]
     assert name.splitlines() == [
@@ -112,7 +109,7 @@ def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once(found, cause) ->
     assert "cosine: 0.1" in tables(tacho)[0].rows[0][1]
 
 
-def test_names_that_the_record_cannot_show_fold_by_reason(found) -> None:
+def test_names_that_the_record_cannot_show_fold_by_reason(found):
     table = tables(result(found))[-1]
     assert table.folded
     assert table.title == "What this record can test: 1 of 4 names"
@@ -123,7 +120,7 @@ def test_names_that_the_record_cannot_show_fold_by_reason(found) -> None:
     )
 
 
-def test_limits_stand_with_the_verdict(found) -> None:
+def test_limits_stand_with_the_verdict(found):
     told = verdict(result(found))
     assert told.note == (
         "Left out: 19 289 of 24 841 samples (78 %): the acceleration is not resolved (19 000), "
@@ -143,9 +140,7 @@ def test_limits_stand_with_the_verdict(found) -> None:
 
 
 @needs_browser
-def test_no_column_is_narrow_and_nothing_is_cut(
-    runs: dict[str, Path], found: dict[str, Any], tmp_path: Path
-) -> None:
+def test_no_column_is_narrow_and_nothing_is_cut(runs, found, tmp_path):
     pytest.importorskip("websocket")
     run = shutil.copytree(runs["diagnosis"], tmp_path / runs["diagnosis"].name)
     file = run / "result.json"

@@ -1,23 +1,18 @@
 """The page of a fleet: false alarms, outliers, causes, links, size."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from runkit import write_run
 
 from hdbench.errors import DataError
 from hdbench.report.fleet import FALSE_ALARM, fleet_runs, outlier_limit, write_fleet
 
 
 def run_of(folder: Path, drive: str, kind: str, result: dict) -> Path:
-    folder.mkdir(parents=True)
-    body = {"schema": f"hdbench/{kind}/1", **result}
-    (folder / "result.json").write_text(json.dumps(body))
-    manifest = {"drive": drive, "kind": kind, "started_utc": "2026-11-23T07:00:00Z"}
-    (folder / "run.json").write_text(json.dumps(manifest))
+    write_run(folder, kind, result, drive=drive, started_utc="2026-11-23T07:00:00Z")
     (folder / "report.html").write_text("its own report")
     return folder
 
@@ -34,7 +29,7 @@ def misalignment(amplitude: float, std: float = 0.001) -> dict:
 
 
 @pytest.mark.parametrize("count", [8, 30, 300])
-def test_a_fleet_without_outliers_names_one_as_often_as_stated(count: int):
+def test_a_fleet_without_outliers_names_one_as_often_as_stated(count):
     # own draws; 4000 fleets at 5 %: a standard deviation of 0.34 %, here 4 of them
     rng = np.random.default_rng(99)
     drawn = rng.standard_normal((4000, count))
@@ -44,7 +39,7 @@ def test_a_fleet_without_outliers_names_one_as_often_as_stated(count: int):
     assert abs(named - FALSE_ALARM) < 0.014
 
 
-def test_an_outlier_is_named_and_leads_to_its_report(tmp_path: Path):
+def test_an_outlier_is_named_and_leads_to_its_report(tmp_path):
     rng = np.random.default_rng(1)
     for number in range(40):
         amplitude = 0.9 + 0.03 * rng.standard_normal() + (0.4 if number == 7 else 0.0)
@@ -62,7 +57,7 @@ def test_an_outlier_is_named_and_leads_to_its_report(tmp_path: Path):
     assert len(files.csv.read_text().splitlines()) == 1 + 5 * 40
 
 
-def test_an_uncertain_drive_is_not_called_an_outlier(tmp_path: Path):
+def test_an_uncertain_drive_is_not_called_an_outlier(tmp_path):
     rng = np.random.default_rng(2)
     for number in range(40):
         amplitude = 0.9 + 0.03 * rng.standard_normal() + (0.4 if number == 7 else 0.0)
@@ -73,7 +68,7 @@ def test_an_uncertain_drive_is_not_called_an_outlier(tmp_path: Path):
     assert all(not figure["outliers"] for figure in body["figures"])
 
 
-def test_causes_by_frequency_and_three_kilobytes_for_a_drive(tmp_path: Path, named_cause):
+def test_causes_by_frequency_and_three_kilobytes_for_a_drive(tmp_path, named_cause):
     for number in range(200):
         size = {"value": 0.5 + 0.0005 * number, "std": 0.01, "unit": "N m"}
         cause = named_cause("coulomb-friction", {"coulomb_nm": size})
@@ -89,14 +84,14 @@ def test_causes_by_frequency_and_three_kilobytes_for_a_drive(tmp_path: Path, nam
     assert "<td>coulomb-friction</td><td>50</td><td>25.0% (19.2% to 31.6%)</td>" in page
 
 
-def test_results_of_a_kind_without_a_type_are_shown_too(tmp_path: Path):
+def test_results_of_a_kind_without_a_type_are_shown_too(tmp_path):
     for number in range(3):
         run_of(tmp_path / f"r{number}", f"d{number}", "inspection", {"rest": {"rms_nm": 0.1}})
     body = json.loads(write_fleet(fleet_runs([tmp_path]), tmp_path).json.read_text())
     assert list(body["kinds"]) == ["inspection"]
 
 
-def test_few_drives_are_shown_and_not_judged_and_none_is_an_error(tmp_path: Path):
+def test_few_drives_are_shown_and_not_judged_and_none_is_an_error(tmp_path):
     run_of(tmp_path / "runs" / "a", "HD-1", "misalignment", misalignment(0.9))
     page = write_fleet(fleet_runs([tmp_path / "runs" / "a"]), tmp_path).html.read_text()
     assert "No drive is judged" in page

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -14,9 +12,7 @@ from hdbench.report.signals import Signals, steady_stretch
 
 
 @given(st.integers(0, 2**31), st.integers(1, 400), st.integers(1, 60))
-def test_thinning_keeps_the_extremes_the_order_and_only_real_points(
-    seed: int, n: int, bins: int
-) -> None:
+def test_thinning_keeps_the_extremes_the_order_and_only_real_points(seed, n, bins):
     y = np.random.default_rng(seed).standard_normal(n)
     x = np.arange(float(n))
     few_x, few_y = min_max(x, y, bins)
@@ -27,7 +23,7 @@ def test_thinning_keeps_the_extremes_the_order_and_only_real_points(
     assert (y[few_x.astype(int)] == few_y).all()
 
 
-def test_a_spike_of_one_sample_in_a_minute_survives_thinning() -> None:
+def test_a_spike_of_one_sample_in_a_minute_survives_thinning():
     y = np.zeros(60_000)
     y[41_234] = 7.0
     few_x, few_y = min_max(np.arange(60_000.0), y)
@@ -35,7 +31,7 @@ def test_a_spike_of_one_sample_in_a_minute_survives_thinning() -> None:
     assert few_y.max() == 7.0
 
 
-def test_lost_samples_break_the_line() -> None:
+def test_lost_samples_break_the_line():
     y = np.ones(1000)
     y[500:520] = math.nan
     few_x, few_y = min_max(np.arange(1000.0), y, 50)
@@ -56,22 +52,19 @@ def test_lost_samples_break_the_line() -> None:
         (0.0001234567, None, "0.0001235"),
     ],
 )
-def test_a_number_has_the_digits_that_its_uncertainty_allows(
-    value: float, std: float | None, text: str
-) -> None:
+def test_a_number_has_the_digits_that_its_uncertainty_allows(value, std, text):
     assert short(value, std) == text
 
 
-def test_the_interval_uses_the_degrees_of_freedom() -> None:
+def test_the_interval_uses_the_degrees_of_freedom():
     number = KeyNumber("gain", "gain", 6.6, "N·m/V", "x", 0.1, 3.0)
     ends = number.interval()
-    assert ends is not None
     # Student's t, 3 dof, 97.5 %: 3.182446 (published tables)
     assert ends[1] == pytest.approx(6.6 + 0.3182446, rel=0, abs=1e-7)
     assert KeyNumber("n", "n", 1.0, "", "x").interval() is None
 
 
-def test_the_steady_stretch_of_a_figure_has_the_velocity_that_was_held_longest() -> None:
+def test_the_steady_stretch_of_a_figure_has_the_velocity_that_was_held_longest():
     # 700 samples at 150 rad/s in two parts, more than the 600 in a row at 60 rad/s
     ramp = np.linspace(0.0, 150.0, 200)
     parts = (ramp, np.full(300, 150.0), np.full(600, 60.0), np.full(400, 150.0), ramp[::-1])
@@ -80,17 +73,15 @@ def test_the_steady_stretch_of_a_figure_has_the_velocity_that_was_held_longest()
     torque = np.ones(len(velocity))
     # a level ends on the ramp within 4 % of 150 rad/s: 8 samples
     found = steady_stretch(Signals(time, torque, velocity), 0.02)
-    assert found is not None
     assert (found.start, found.stop) == (1100, pytest.approx(1500, abs=9))
     assert found.velocity_rad_s == pytest.approx(150.0, rel=0.001)
     # a missing torque in the middle leaves the first part as the longest
     torque[1300] = math.nan
     found = steady_stretch(Signals(time, torque, velocity), 0.02)
-    assert found is not None
     assert (found.start, found.stop) == (pytest.approx(200, abs=9), 500)
 
 
 @pytest.mark.parametrize("velocity", [np.zeros(500), np.linspace(1.0, 150.0, 500)])
-def test_no_steady_stretch_in_a_sweep_or_at_rest(velocity: np.ndarray) -> None:
+def test_no_steady_stretch_in_a_sweep_or_at_rest(velocity):
     signals = Signals(0.001 * np.arange(500.0), np.ones(500), velocity)
     assert steady_stretch(signals, 0.02) is None

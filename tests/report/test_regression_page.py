@@ -1,10 +1,7 @@
 """The page of a comparison with stored results."""
 
-from __future__ import annotations
-
 import csv
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,7 +44,7 @@ def _body(*changes: dict[str, Any], error: dict[str, Any] | None = None) -> dict
     }
 
 
-def test_what_moved_stands_on_the_page_with_its_tolerance_and_its_reason(tmp_path: Path) -> None:
+def test_what_moved_stands_on_the_page_with_its_tolerance_and_its_reason(tmp_path):
     files = write_regression(_body(_change("x.y"), _change("z", what="new")), tmp_path / "r.html")
     page = files.html.read_text()
     assert "Moved: 2 of 7 quantities" in page
@@ -71,16 +68,14 @@ def test_what_moved_stands_on_the_page_with_its_tolerance_and_its_reason(tmp_pat
         (_body(error={"where": "case.json:1", "what": "no JSON", "fix": "mend it"}), "case.json:1"),
     ],
 )
-def test_a_case_that_passed_and_one_that_is_broken_are_told_as_such(
-    body: dict[str, Any], words: str, tmp_path: Path
-) -> None:
+def test_a_case_that_passed_and_one_that_is_broken_are_told_as_such(body, words, tmp_path):
     page = write_regression(body, tmp_path / "r.html").html.read_text()
     assert words in page
     assert "<svg" not in page
     assert "default-src 'none'" in page
 
 
-def test_a_page_is_written_over_an_earlier_one_and_over_nothing_else(tmp_path: Path) -> None:
+def test_a_page_is_written_over_an_earlier_one_and_over_nothing_else(tmp_path):
     target = tmp_path / "r.html"
     write_regression(_body(_change("x")), target)
     write_regression(_body(), target)

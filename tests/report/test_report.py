@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import base64
 import csv
 import hashlib
@@ -13,13 +11,9 @@ from typing import Any
 
 import bench_runs as bench
 import pytest
-from click.testing import CliRunner
 
 from hdbench.errors import DataError, UsageError
-from hdbench.profile import Profile
 from hdbench.report import ReportFiles, write_report
-from hdbench_cli.commands.report import command
-from hdbench_cli.output import Output
 
 UNSEEN = ("style", "script", "metadata")
 
@@ -55,7 +49,7 @@ def page(report: ReportFiles) -> Page:
     return Page(report.html.read_text(encoding="utf-8"))
 
 
-def test_the_page_needs_nothing_from_outside(page: Page, report: ReportFiles) -> None:
+def test_the_page_needs_nothing_from_outside(page, report):
     assert not [tag for tag, _ in page.tags if tag in ("link", "iframe", "object", "img")]
     for _, attributes in page.tags:
         for name in ("src", "href", "xlink:href", "action", "data"):
@@ -66,9 +60,7 @@ def test_the_page_needs_nothing_from_outside(page: Page, report: ReportFiles) ->
     assert not re.search(r"url\((?!#)", text)
 
 
-def test_the_page_carries_a_policy_that_lets_its_one_script_run_and_no_other(
-    page: Page, report: ReportFiles
-) -> None:
+def test_the_page_carries_a_policy_that_lets_its_one_script_run_and_no_other(page, report):
     policy = next(a["content"] for tag, a in page.tags if a.get("http-equiv"))
     assert policy is not None
     assert "default-src 'none'" in policy
@@ -81,13 +73,13 @@ def test_the_page_carries_a_policy_that_lets_its_one_script_run_and_no_other(
     )
 
 
-def test_every_figure_has_an_alternative_text_and_a_caption(page: Page) -> None:
+def test_every_figure_has_an_alternative_text_and_a_caption(page):
     figures = [a for tag, a in page.tags if tag == "svg"]
     assert len(figures) == sum(tag == "figcaption" for tag, _ in page.tags)
     assert all(a["role"] == "img" and len(a["aria-label"] or "") > 40 for a in figures)
 
 
-def test_ids_are_unique_and_every_reference_has_its_target(page: Page, report: ReportFiles) -> None:
+def test_ids_are_unique_and_every_reference_has_its_target(page, report):
     ids = [a["id"] for _, a in page.tags if "id" in a]
     assert len(ids) == len(set(ids))
     still = re.sub(r"<script>.*?</script>", "", report.html.read_text(), flags=re.DOTALL)
@@ -95,7 +87,7 @@ def test_ids_are_unique_and_every_reference_has_its_target(page: Page, report: R
     assert {a or b for a, b in used} <= set(ids)
 
 
-def test_colours_come_from_the_style_sheet_alone(report: ReportFiles) -> None:
+def test_colours_come_from_the_style_sheet_alone(report):
     text = report.html.read_text()
     style = text[text.index("<style>") : text.index("</style>")]
     figures = "".join(re.findall(r"<svg.*?</svg>", text, re.DOTALL))
@@ -106,7 +98,7 @@ def test_colours_come_from_the_style_sheet_alone(report: ReportFiles) -> None:
         assert used - {"sans"} <= set(re.findall(r"--([a-z]+):", theme))
 
 
-def test_the_page_has_verdict_numbers_figures_filter_and_origin_in_this_order(page: Page) -> None:
+def test_the_page_has_verdict_numbers_figures_filter_and_origin_in_this_order(page):
     text = page.text
     words = (
         "1 worth a look",
@@ -126,9 +118,7 @@ def test_the_page_has_verdict_numbers_figures_filter_and_origin_in_this_order(pa
     assert text.index("Provenance") > places[-1]
 
 
-def test_key_numbers_in_the_csv_are_those_of_the_results(
-    report: ReportFiles, runs: dict[str, Path]
-) -> None:
+def test_key_numbers_in_the_csv_are_those_of_the_results(report, runs):
     lines = report.csv.read_text(encoding="utf-8").splitlines()
     rows = {row["quantity"]: row for row in csv.DictReader(lines)}
     gain = json.loads((runs["calibration"] / "result.json").read_text())["gain_nm_per_v"]
@@ -144,9 +134,7 @@ def test_key_numbers_in_the_csv_are_those_of_the_results(
     assert got == ripple["amplitude_nm"]["value"]
 
 
-def test_the_json_names_every_run_with_its_verdict(
-    report: ReportFiles, runs: dict[str, Path]
-) -> None:
+def test_the_json_names_every_run_with_its_verdict(report, runs):
     body = json.loads(report.json.read_text())
     assert body["schema"] == "hdbench/report/1"
     assert [run["run_id"] for run in body["runs"]] == [run.name for run in runs.values()]
@@ -154,9 +142,7 @@ def test_the_json_names_every_run_with_its_verdict(
 
 
 @pytest.mark.parametrize("kind", ["misalignment", "diagnosis"])
-def test_a_run_alone_has_its_sections_only(
-    kind: str, runs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_a_run_alone_has_its_sections_only(kind, runs, tmp_path):
     files = write_report([runs[kind]], tmp_path)
     text = Page(files.html.read_text(encoding="utf-8")).text
     assert files.html.name == "report.html"
@@ -166,7 +152,7 @@ def test_a_run_alone_has_its_sections_only(
     assert ("Residual before and after" in text) == (kind == "diagnosis")
 
 
-def test_links_lead_to_the_raw_files(runs: dict[str, Path], tmp_path: Path) -> None:
+def test_links_lead_to_the_raw_files(runs, tmp_path):
     out = tmp_path / "deep" / "er" / "report.html"
     page = Page(write_report([runs["ripple"]], out).html.read_text(encoding="utf-8"))
     links = [a["href"] or "" for tag, a in page.tags if tag == "a" and "href" in a]
@@ -187,7 +173,7 @@ def _edit(file: Path, **changes: object) -> None:
     file.write_text(json.dumps({**json.loads(file.read_text()), **changes}))
 
 
-def test_a_run_without_a_result_still_shows_its_data(runs: dict[str, Path], tmp_path: Path) -> None:
+def test_a_run_without_a_result_still_shows_its_data(runs, tmp_path):
     run = _copy(runs["ripple"], tmp_path)
     (run / "result.json").unlink()
     _edit(run / "run.json", status="aborted", files={})
@@ -197,9 +183,7 @@ def test_a_run_without_a_result_still_shows_its_data(runs: dict[str, Path], tmp_
     assert "(after figure 8)" in text
 
 
-def test_an_incomplete_run_says_so_on_top_and_text_from_files_is_escaped(
-    runs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_an_incomplete_run_says_so_on_top_and_text_from_files_is_escaped(runs, tmp_path):
     run = _copy(runs["ripple"], tmp_path)
     evil = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&$x$"
     _edit(run / "run.json", status="incomplete", exit_reason=evil, device={"model": evil})
@@ -218,8 +202,8 @@ def test_an_incomplete_run_says_so_on_top_and_text_from_files_is_escaped(
 
 
 def test_a_changed_file_is_told_and_ids_of_experiments_do_not_become_markup_or_formulas(
-    runs: dict[str, Path], tmp_path: Path
-) -> None:
+    runs, tmp_path
+):
     run = _copy(runs["calibration"], tmp_path)
     for file in (run / "loads.csv", run / "result.json"):
         file.write_text(file.read_text().replace("p0-cw-low", "<i>$x^{$</i>"))
@@ -229,9 +213,7 @@ def test_a_changed_file_is_told_and_ids_of_experiments_do_not_become_markup_or_f
     assert "loads.csv was changed after the run" in text
 
 
-def test_a_minute_at_one_kilohertz_stays_below_five_megabytes(
-    profile: Profile, tmp_path: Path
-) -> None:
+def test_a_minute_at_one_kilohertz_stays_below_five_megabytes(profile, tmp_path):
     velocity = bench.generate.ramps([(0, 0), (1, 156), (59, 156), (60, 0)])
     trace = bench.trace_of(bench.generate.trace_csv(velocity, 5), tmp_path)
     assert len(trace) == 60_000
@@ -239,18 +221,14 @@ def test_a_minute_at_one_kilohertz_stays_below_five_megabytes(
     assert files.html.stat().st_size < 5_000_000
 
 
-def test_a_trace_alone_is_drawn_and_a_loads_file_too(
-    runs: dict[str, Path], profile: Profile, tmp_path: Path
-) -> None:
+def test_a_trace_alone_is_drawn_and_a_loads_file_too(runs, profile, tmp_path):
     sources = [runs["ripple"] / "trace.csv", runs["calibration"] / "loads.csv"]
     text = written(sources, tmp_path, profile=profile).text
     assert "(after figure 8)" in text
     assert "(after figure 7)" in text
 
 
-def test_a_result_file_alone_gives_numbers_without_figures(
-    runs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_a_result_file_alone_gives_numbers_without_figures(runs, tmp_path):
     file = runs["misalignment"] / "result.json"
     page = written([file], tmp_path)
     assert "misalignment, peak to peak" in page.text
@@ -265,9 +243,7 @@ def _broken(run: Path) -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_a_damaged_run_is_named_and_exits_4(
-    number: int, runs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_a_damaged_run_is_named_and_exits_4(number, runs, tmp_path):
     run = _copy(runs["ripple"], tmp_path)
     name, text = list(_broken(run))[number]
     (run / name).write_text(text)
@@ -278,7 +254,7 @@ def test_a_damaged_run_is_named_and_exits_4(
     assert not (tmp_path / "r.html").exists()
 
 
-def test_no_run_and_no_such_run_are_refused(tmp_path: Path) -> None:
+def test_no_run_and_no_such_run_are_refused(tmp_path):
     with pytest.raises(UsageError):
         write_report([], tmp_path)
     with pytest.raises(DataError, match="no such"):
@@ -287,9 +263,7 @@ def test_no_run_and_no_such_run_are_refused(tmp_path: Path) -> None:
         write_report([tmp_path], tmp_path)
 
 
-def test_a_run_that_ended_before_its_first_sample_still_has_a_report(
-    profile: Profile, tmp_path: Path
-) -> None:
+def test_a_run_that_ended_before_its_first_sample_still_has_a_report(profile, tmp_path):
     run = bench.new_run(tmp_path / "runs", "ripple", profile)
     run.journal.write_bytes(b"")
     run.finish("incomplete", "stopped by SIGTERM", [])
@@ -299,7 +273,7 @@ def test_a_run_that_ended_before_its_first_sample_still_has_a_report(
     assert "No data could be recovered" in text
 
 
-def test_lost_samples_do_not_stop_the_report(runs: dict[str, Path], tmp_path: Path) -> None:
+def test_lost_samples_do_not_stop_the_report(runs, tmp_path):
     run = _copy(runs["ripple"], tmp_path)
     lines = (run / "trace.csv").read_text().splitlines()
     for row in range(4000, 4007):
@@ -314,7 +288,7 @@ def test_lost_samples_do_not_stop_the_report(runs: dict[str, Path], tmp_path: Pa
     assert "(after figure 11)" in text
 
 
-def test_a_short_trace_at_rest_says_that_nothing_turns(profile: Profile, tmp_path: Path) -> None:
+def test_a_short_trace_at_rest_says_that_nothing_turns(profile, tmp_path):
     file = tmp_path / "rest.csv"
     rows = [f"{k * 0.001:.3f},0.0,0.0" for k in range(20)]
     file.write_text("\n".join(["time_s,tacho_v,torque_v", *rows]) + "\n")
@@ -322,9 +296,7 @@ def test_a_short_trace_at_rest_says_that_nothing_turns(profile: Profile, tmp_pat
     assert "Nothing turns steadily" in Page(files.html.read_text(encoding="utf-8")).text
 
 
-def test_lines_beyond_the_known_orders_are_told_in_the_verdict(
-    runs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_lines_beyond_the_known_orders_are_told_in_the_verdict(runs, tmp_path):
     run = _copy(runs["ripple"], tmp_path)
     amplitude = {"value": 0.2, "std": 0.003, "dof": 5.0}
     sizes = {"amplitude_nm": amplitude, "phase_rad": amplitude}
@@ -339,17 +311,10 @@ def test_lines_beyond_the_known_orders_are_told_in_the_verdict(
     assert "below 1e-9" in page.text
 
 
-def test_the_command_writes_into_the_run_or_where_it_is_told(
-    runs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_the_command_writes_into_the_run_or_where_it_is_told(runs, tmp_path, hdbench):
     run = _copy(runs["misalignment"], tmp_path)
-    words = [str(run), "--profile", "cim-tr-97-06"]
-    found = CliRunner().invoke(command, words, obj=Output(json=True), catch_exceptions=False)
-    assert json.loads(found.stdout)["html"] == str(run / "report.html")
+    words = ("report", run, "--profile", "cim-tr-97-06")
+    assert json.loads(hdbench(*words, "--json")[0])["html"] == str(run / "report.html")
     assert (run / "report.html").is_file()
-    out = tmp_path / "all.html"
-    found = CliRunner().invoke(
-        command, [*words, "--out", str(out)], obj=Output(), catch_exceptions=False
-    )
-    assert found.exit_code == 0
-    assert out.is_file()
+    hdbench(*words, "--out", tmp_path / "all.html")
+    assert (tmp_path / "all.html").is_file()

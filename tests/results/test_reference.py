@@ -1,7 +1,5 @@
 """Result types: what evaluations write, what is read back, and the reference made of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -107,21 +105,21 @@ def fresh(request, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[
     return kind, body
 
 
-def test_a_fresh_result_is_what_contract_and_reference_say(fresh) -> None:
+def test_a_fresh_result_is_what_contract_and_reference_say(fresh):
     kind, body = fresh
     assert differences(kind, body) == set()
     assert body["schema"] == f"hdbench/{kind}/1"
     assert set(CONTRACT[kind].split()) <= set(body)
 
 
-def test_a_stored_result_reads_back_to_the_same_file(fresh) -> None:
+def test_a_stored_result_reads_back_to_the_same_file(fresh):
     kind, body = fresh
     again = TYPES[kind].from_json(body, "result.json").to_json()
     assert list(again) == list(body)
     assert json.loads(json.dumps(again)) == body
 
 
-def test_an_older_result_without_optional_keys_is_read(fresh) -> None:
+def test_an_older_result_without_optional_keys_is_read(fresh):
     kind, body = fresh
     table = json_schema(kind)
     older = {key: value for key, value in body.items() if key in table["required"]}
@@ -140,9 +138,7 @@ def test_an_older_result_without_optional_keys_is_read(fresh) -> None:
         ("ripple", "spectrum", "resolution_hz"),
     ],
 )
-def test_a_part_that_an_older_version_wrote_with_fewer_keys_is_left_out(
-    kind: str, part: str, lacked: str
-) -> None:
+def test_a_part_that_an_older_version_wrote_with_fewer_keys_is_left_out(kind, part, lacked):
     body = json.loads((STORED / kind / "expected.json").read_text())["result"]
     whole = body[part][0] if isinstance(body[part], list) else body[part]
     del whole[lacked]
@@ -155,7 +151,7 @@ def test_a_part_that_an_older_version_wrote_with_fewer_keys_is_left_out(
         TYPES[kind].from_json(body, "result.json")
 
 
-def test_a_key_of_the_contract_is_needed_inside_a_list(fresh) -> None:
+def test_a_key_of_the_contract_is_needed_inside_a_list(fresh):
     kind, body = fresh
     entries = {"calibration": "experiments", "ripple": "ripple"}.get(kind)
     older = json.loads(json.dumps(body))
@@ -168,13 +164,13 @@ def test_a_key_of_the_contract_is_needed_inside_a_list(fresh) -> None:
 
 
 @pytest.mark.parametrize("body", [[], None, {"notes": 3, "budget": [{}]}])
-def test_what_is_no_result_is_refused(body: object) -> None:
+def test_what_is_no_result_is_refused(body):
     with pytest.raises(DataError) as caught:
         CalibrationResult.from_json(body, "result.json")
     assert caught.value.where.startswith("result.json")
 
 
-def test_a_damaged_result_is_named_by_file_and_key(fresh) -> None:
+def test_a_damaged_result_is_named_by_file_and_key(fresh):
     kind, body = fresh
     with pytest.raises(DataError, match="found 'soon'") as caught:
         TYPES[kind].from_json({**body, "n_samples": "soon"}, "runs/a/result.json")
@@ -186,12 +182,12 @@ def test_a_damaged_result_is_named_by_file_and_key(fresh) -> None:
 
 
 @pytest.mark.parametrize("kind", ["calibration", "misalignment", "ripple", "filter"])
-def test_what_was_stored_holds_no_key_that_the_reference_does_not_know(kind: str) -> None:
+def test_what_was_stored_holds_no_key_that_the_reference_does_not_know(kind):
     result = json.loads((STORED / kind / "expected.json").read_text())["result"]
     assert {line for line in differences(kind, result) if not line.startswith("no ")} == set()
 
 
-def test_a_fresh_diagnosis_holds_every_key(tmp_path: Path) -> None:
+def test_a_fresh_diagnosis_holds_every_key(tmp_path):
     source = tmp_path / "loads.csv"
     source.write_bytes((STORED / "calibration" / "loads.csv").read_bytes())
     profile = load_profile("cim-tr-97-06")
@@ -204,7 +200,7 @@ def test_a_fresh_diagnosis_holds_every_key(tmp_path: Path) -> None:
     assert differences("diagnosis", {**body, "settings": {}}) == set()
 
 
-def test_every_key_has_a_meaning_and_the_unit_of_its_name() -> None:
+def test_every_key_has_a_meaning_and_the_unit_of_its_name():
     for kind in KINDS:
         for row in keys_of(kind).values():
             assert row.meaning, row.key

@@ -1,7 +1,5 @@
 """Traces written from closed forms, with a truth that the tests know."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +33,11 @@ class Truth:
 
 def scale(relative_std: float = 0.0, dof: float | None = None) -> TorqueScale:
     return TorqueScale(Quantity(6.6, 6.6 * relative_std, dof), "calibration run 1")
+
+
+def covers(quantity: Quantity, truth: float, confidence: float = 0.999) -> bool:
+    low, high = quantity.interval(confidence)
+    return low <= truth <= high
 
 
 def reversing_velocity(duration_s: float = 12.0, top_rad_s: float = 156.0) -> np.ndarray:

@@ -8,8 +8,6 @@ tacho 56.2565 rad/s/V, 4000 counts per motor turn, 1 kHz, 16 bit over +-10 V. Tr
 the evaluations estimate stand in `TRUTH`.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Charts of one history: the published examples, the false alarms, steps and drift."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -40,16 +38,7 @@ def test_ewma_of_the_nist_handbook():
     # 6.3.2.4: target 50, std 2.0539, weight .3; limits 52.5884 and 47.4115 (cut, not rounded)
     values = np.array(
         [
-            52.0,
-            47.0,
-            53.0,
-            49.3,
-            50.1,
-            47.0,
-            51.0,
-            50.1,
-            51.2,
-            50.5,
+            *(52.0, 47.0, 53.0, 49.3, 50.1, 47.0, 51.0, 50.1, 51.2, 50.5),
             *(49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1),
         ]
     )

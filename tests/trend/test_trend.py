@@ -1,13 +1,12 @@
 """One quantity over runs: which runs count, how they are grouped, what is said and shown."""
 
-from __future__ import annotations
-
 import csv
 import json
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from runkit import write_run
 
 from hdbench.errors import DataError
 from hdbench.records import add_note, list_runs
@@ -51,26 +50,12 @@ def utc(day):
 
 def add(parent, day, kind="calibration", drive="A", result=None, data=None, **manifest):
     """Write the folder of a run that was measured on a day."""
-    folder = parent / f"{day:04d}-{kind}-{drive}"
-    folder.mkdir(parents=True)
-    body = {
-        "schema": "hdbench/run/1",
-        "kind": kind,
-        "status": "complete",
-        "started_utc": utc(day),
-        "ended_utc": utc(day),
-        "profile": {"name": "p"},
-        "drive": drive,
-        "files": {"loads.csv": data or f"{kind}{day}{drive}"},
-        "details": {},
-        **manifest,
-    }
-    (folder / "run.json").write_text(json.dumps(body))
     if result is not None:
-        text = {"schema": f"hdbench/{kind}/1", "doubts": [], "flags": [], **NEEDED.get(kind, {})}
-        text |= result
-        (folder / "result.json").write_text(json.dumps(text))
-    return folder
+        result = {"doubts": [], "flags": [], **NEEDED.get(kind, {}), **result}
+    files = {"loads.csv": data or f"{kind}{day}{drive}"}
+    times = {"started_utc": utc(day), "ended_utc": utc(day)}
+    folder = parent / f"{day:04d}-{kind}-{drive}"
+    return write_run(folder, kind, result, **{**times, "drive": drive, "files": files, **manifest})
 
 
 def gain(value, std=0.01, **more):

@@ -25,6 +25,7 @@ from hdbench.diagnosis.discovery.term import (
     tangent_columns,
     term_columns,
 )
+from hdbench.diagnosis.evidence import PASSED
 from hdbench.model import shape_bounds
 from hdbench.records.trace import FloatArray
 
@@ -97,6 +98,10 @@ def candidate_of(
 ) -> Candidate:
     """Return a term as it is beside a fit."""
     rows, scale = scaled_rows(beside.bands, term_columns(term, record))
+    if float(np.sum(rows**2, axis=1).max()) < PASSED * len(record):
+        # of what the channel holds back its ends alone are seen
+        none = np.zeros(len(rows))
+        return Candidate(term, rows, scale, 0.0, 0, none, trials, false_alarm)
     matrix, right = beside.project(rows)
     before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
     if is_whole_share(term.cause):

@@ -442,7 +442,7 @@ class Search:
         while len(fit.causes()) > most:
             worst, least = None, needed
             for part in fit.causes():
-                value = self.evidence_of(part)
+                value = -np.inf if self._merged(part) else self.evidence_of(part)
                 if value < least:
                     worst, least = part, value
             if worst is None:
@@ -453,6 +453,17 @@ class Search:
             self.dropped[name] = again
             fit.remove(worst)
             fit.settle(3)
+
+    def _merged(self, part: int) -> bool:
+        """Return whether a line has moved into the cell of a larger one, whose form it is now."""
+        fit = self.fit
+        for scan in self.scans:
+            place = fit.term(part).shape.get(_key(scan), np.inf)
+            for other in fit.causes():
+                beside = abs(fit.term(other).shape.get(_key(scan), -np.inf) - place)
+                if other != part and beside < scan.cell:
+                    return fit.size_nm(part) <= fit.size_nm(other)
+        return False
 
     def drop_needless(self) -> bool:
         """Drop causes that others at shapes of their own can stand for; return whether any went.

@@ -1,11 +1,12 @@
 """A bench as it happens to be on the day: noise, ripple, misalignment, zero, and its channels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
 
-from .motion import RATIO, STIFFNESS, Path, pieces_of, travel
+from .family import effect
+from .motion import RATIO, Path, pieces_of, travel
 
 # zeros and poles of the noise at 1 kHz; the last rises like 1/f between 0.3 Hz and 100 Hz
 KINDS = {
@@ -68,13 +69,18 @@ class Bench:
 
 @dataclass(frozen=True)
 class Scene:
-    """Path, bench and noise of one record."""
+    """Path, bench and noise of one record.
+
+    `acting` are effects, (family, shape, size), that stand in the torque when it enters a stage of
+    the channel.
+    """
 
     path: Path
     bench: Bench
     noise: Noise
     bits: int
     clean: np.ndarray
+    acting: tuple = ()
 
     @property
     def tau(self):
@@ -88,12 +94,23 @@ class Scene:
         drag = 0.012 * np.tanh(path.speed / 1.5) + 1.2e-5 * path.speed
         return (9e-5 * path.accel + drag + self.tau / (RATIO * 0.8)) / 0.05
 
-    def fine_clean(self):
-        """Torque of the sound bench at the fine grid, N m."""
-        path = self.path
-        twist = path.fine_load / STIFFNESS if path.second_encoder else 0.0
-        output = path.fine_angle / RATIO - twist
-        return self.bench.torque(path.fine_angle, output, path.fine_accel, path.fine_load)
+    @property
+    def signal(self):
+        """Torque that enters a stage of the channel: the sound bench and what acts, N m."""
+        out = self.clean
+        for family, shape, size in self.acting:
+            out = out + effect(family, self.before(family, self.acting), shape, size)
+        return out
+
+    def before(self, family, entries):
+        """The scene at the stage of `family`, where those of `entries` act that come before it."""
+        return replace(self, acting=tuple(e for e in entries if e[0].stage < family.stage))
+
+    def earlier(self, delay):
+        """The scene as it was `delay` seconds ago at every sample."""
+        path = self.path.earlier(delay)
+        clean = self.bench.torque(path.angle, path.output, path.accel, path.load)
+        return replace(self, path=path, clean=clean)
 
 
 def draw_scene(record, noise, bits, rng, pieces=None, second_encoder=False):

@@ -115,11 +115,18 @@ def _others(case, which, scene, white):
     return np.column_stack(rests) if rests else None
 
 
-def _torque_effect(case, which, scene, white):
+def _stage(hidden):
+    return 0 if hidden.name in _FAULTS else _FAMILIES[hidden.name].stage
+
+
+def _torque_effect(case, which, scene, white, entries):
+    """(truth, torque) of one effect; `entries` are those that act before it, and it joins them."""
     hidden = case.hidden[which]
     family, shape = drawn_effect(case, which, scene)
     others = _others(case, which, scene, white)
+    scene = scene.before(family, entries)
     size = _size(family, scene, white, shape, hidden.tier, others)
+    entries.append((family, shape, size))
     return described(hidden.name, hidden.tier, family, scene, shape, size, others, white)
 
 
@@ -196,16 +203,17 @@ def build(case, scene=None, tell=None):
     optional_rng = np.random.default_rng([case.seed, 3])
     names = {hidden.name for hidden in case.hidden}
     extra = optional(scene, optional_rng, "crosstalk" in names)
-    effects, torques = [], []
-    for k, hidden in enumerate(case.hidden):
+    effects, torques, entries = {}, {}, []
+    for k in sorted(range(len(case.hidden)), key=lambda k: _stage(case.hidden[k])):
+        hidden = case.hidden[k]
         if hidden.name in _FAULTS:
             draw = np.random.default_rng([case.seed, 10 + k])
-            effects.append(_fault_effect(hidden, scene, white, draw, channels))
+            effects[k] = _fault_effect(hidden, scene, white, draw, channels)
         else:
-            truth, torque = tell(k) if tell else _torque_effect(case, k, scene, white)
-            effects.append(truth)
-            torques.append(torque)
-            channels["torque"] += torque
+            found = tell(k) if tell else _torque_effect(case, k, scene, white, entries)
+            effects[k], torques[k] = found
+            channels["torque"] += torques[k]
+    effects, torques = ([by[k] for k in sorted(by)] for by in (effects, torques))
     # a shaft at rest stands anywhere within a count: at 0.01 N m of noise the ripple's error of
     # 1 mN m would show, so that these benches have an interpolated encoder
     fine = case.sigma_nm < 0.02 or optional_rng.random() < 0.3

@@ -14,6 +14,8 @@ class Family:
     shape: floats by name, and `weights`, how the columns mix. `steps` names the shape parameters
     that a fitter has to find, with the step of their derivative. `grid(scene)` are shapes that
     stand for the family where it is only compared. `physical` are sizes (low, middle, high).
+    `stage` is the place in the channel: 0 a torque, 1 a limit, 2 a late reading, each of which
+    acts on all torque of the stages before it.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Family:
     reported: Mapping = field(default_factory=dict)
     shape_agrees: bool = True
     records: tuple = ("short", "protocol")
+    stage: int = 0
 
 
 def effect(family, scene, shape, size):

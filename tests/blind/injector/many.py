@@ -61,43 +61,49 @@ class _Record:
         self.scene, self.white, self.chosen = scene, Whitened(scene), []
         self._kept = {}
 
+    def _seen(self, which, entries):
+        """(family, scene at its stage of the channel, shape, size) of one of them."""
+        _, family, shape, size = entries[which]
+        return family, self.scene.before(family, [entry[1:] for entry in entries]), shape, size
+
     def raw_beside(self, which, entries):
         """Columns and tangents of all but one."""
-        others = [_columns(f, self.scene, shape, size)
-                  for k, (_, f, shape, size) in enumerate(entries) if k != which]  # fmt: skip
+        others = [_columns(*self._seen(k, entries)) for k in range(len(entries)) if k != which]
         return np.column_stack(others) if others else None
 
-    def _rests(self, entry):
+    def _rests(self, which, entries):
         """Whitened columns of an effect and of its shape's tangents, kept for the next question."""
-        name, family, shape, size = entry
-        if (name, size) not in self._kept:
-            columns = self.white.rest(_columns(family, self.scene, shape, size))
-            slopes = self.white.tangents(self.scene, family, shape, size)
-            self._kept[name, size] = np.column_stack([columns, slopes])
-        return self._kept[name, size]
+        family, scene, shape, size = self._seen(which, entries)
+        key = (family.name, size, tuple((before.name, much) for before, _, much in scene.acting))
+        if key not in self._kept:
+            columns = self.white.rest(_columns(family, scene, shape, size))
+            slopes = self.white.tangents(scene, family, shape, size)
+            self._kept[key] = np.column_stack([columns, slopes])
+        return self._kept[key]
 
     def sigmas(self, which, entries):
         """Sigmas of one beside the baseline, its own shape and all others with theirs."""
-        _, family, shape, size = entries[which]
-        parts = [self._rests(entry) for k, entry in enumerate(entries) if k != which]
+        family, scene, shape, size = self._seen(which, entries)
+        parts = [self._rests(k, entries) for k in range(len(entries)) if k != which]
         beside = np.column_stack(parts) if parts else None
-        return self.white.detectability(self.scene, family, shape, size, beside)
+        return self.white.detectability(scene, family, shape, size, beside)
 
     def _one_group(self, entries):
         """Whether one of the effects is what another's name spans beside the rest."""
         families = [entry[1] for entry in entries]
-        for k, (name, family, shape, size) in enumerate(entries):
-            torque = effect(family, self.scene, shape, size)
+        for k in range(len(entries)):
+            family, scene, shape, size = self._seen(k, entries)
+            torque = effect(family, scene, shape, size)
             beside = self.raw_beside(k, entries)
-            alike = sine_squares(self.scene, families, shape, torque, beside)
-            if any(value < _GROUP for other, value in alike.items() if other != name):
+            alike = sine_squares(scene, families, shape, torque, beside)
+            if any(value < _GROUP for other, value in alike.items() if other != family.name):
                 return True
         return False
 
     def told(self, which):
         """(truth, torque) of one effect, its sigmas and its group beside all others."""
-        name, family, shape, size = self.chosen[which]
-        truth, torque = described(name, "physical", family, self.scene, shape, size, None,
+        family, scene, shape, size = self._seen(which, self.chosen)
+        truth, torque = described(family.name, "physical", family, scene, shape, size, None,
                                   self.white, self.raw_beside(which, self.chosen))  # fmt: skip
         return {**truth, "d": self.sigmas(which, self.chosen)}, torque
 

@@ -150,9 +150,9 @@ def _draw_pieces(rng, scene):
 def _soft(scene, shape):
     """A soft limit L = 1 / size by an algebraic knee: gentle (power 2) or sharp (power 4).
 
-    It is the channel that has a limit: all of its torque, zero and ripple too.
+    It is the channel that has a limit: all of its torque, zero, ripple and other effects too.
     """
-    whole, power = scene.clean, shape["power"]
+    whole, power = scene.signal, shape["power"]
     return whole / (1.0 + np.abs(whole * shape["size"]) ** power) ** (1.0 / power) - whole
 
 
@@ -166,10 +166,11 @@ def _hard(scene, shape):
 
 
 def _skew(scene, shape):
-    delay = shape["size"]
-    fine = scene.fine_clean()
-    time = np.arange(len(fine)) * FINE_S
-    return np.interp(time[::EVERY] - delay, time, fine) - fine[::EVERY]
+    """The channel is read late: all of its torque is that of an earlier instant.
+
+    A spline over the samples would not do: lines above half the sampling rate alias.
+    """
+    return scene.earlier(shape["size"]).signal - scene.earlier(0.0).signal
 
 
 STATIC = (
@@ -217,6 +218,7 @@ STATIC = (
         linear=False,
         domain="torque",
         shape_agrees=False,
+        stage=1,
     ),
     Family(
         "direction-asymmetry",
@@ -237,6 +239,7 @@ STATIC = (
     Family(
         "time-skew", column(_skew), unit, (0.0002, 0.001, 0.003),
         grid=lambda scene: [{"size": 0.0005}], linear=False, domain="time", records=_FREE,
+        stage=2,
     ),
     Family(
         "cubic-stiffness", column(_stiff_cubic), unit, (0.05, 0.15, 0.5),

@@ -1,6 +1,6 @@
 """Motion of the records: pieces of speed and load, the servo behind them, and each record."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -107,6 +107,16 @@ class Path:
     load: np.ndarray
     output: np.ndarray
     second_encoder: bool
+
+    def earlier(self, delay):
+        """The path as it was `delay` seconds ago at every sample."""
+        fine = np.arange(len(self.fine_angle)) * FINE_S
+        names = ("fine_angle", "fine_speed", "fine_accel", "fine_load")
+        moved = {name: np.interp(fine - delay, fine, getattr(self, name)) for name in names}
+        at = {name.removeprefix("fine_"): values[::EVERY] for name, values in moved.items()}
+        twist = at["load"] / STIFFNESS if self.second_encoder else 0.0
+        output = at["angle"] / RATIO - twist
+        return replace(self, **moved, **at, time=self.time - delay, output=output)
 
     @property
     def seconds(self):

@@ -162,8 +162,10 @@ def _planned(case, scene, nuisances):
 
 def _truths(plans, scene, white, which, log):
     truths, torques = [], []
+    entries = [(plan.family, plan.shape, plan.size) for plan in plans]
     for plan in plans:
-        truth, torque = described(plan.name, f"d{plan.sigmas[which]:.0f}", plan.family, scene,
+        seen = scene.before(plan.family, entries)
+        truth, torque = described(plan.name, f"d{plan.sigmas[which]:.0f}", plan.family, seen,
                                   plan.shape, plan.size, None, white)  # fmt: skip
         truth["d"] = plan.sigmas[which]
         if log:

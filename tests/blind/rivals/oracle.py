@@ -66,7 +66,9 @@ def oracle(made):
         return None
     scene = made.scene
     first = baseline(scene.path.angle, scene.path.output)
-    hidden = [_columns(scene, entry) for entry in entries]
+    acting = [(family_of(entry["name"]), dict(entry["shape"]), entry["size"]) for entry in entries]
+    hidden = [_columns(scene.before(one[0], acting), entry)
+              for one, entry in zip(acting, entries, strict=True)]  # fmt: skip
     matrix = np.column_stack([first, *hidden, measured_rest(made)])
     raw, white = _sums(matrix), _sums(scene.noise.whiten(matrix))
     count, before = len(matrix), list(range(first.shape[1]))
