@@ -57,7 +57,7 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
 
 
 def _strongest(
-    fit: Fit, scan: Scan, hats: FloatArray, waves: NDArray[np.complex128]
+    fit: Fit, scan: Scan, hats: FloatArray, waves: NDArray[np.complexfloating]
 ) -> tuple[float, int, int]:
     """Return what envelopes explain at the best order, their directions, and its place."""
     norms = np.stack([line_norm(fit, scan, hat**2) for hat in hats.T])
@@ -85,7 +85,6 @@ def _cause(axis: Axis, hats: FloatArray, levels: list[FloatArray], count: int) -
     order = Parameter("order", "1", 0.05, 1e3, "cycles per turn of the motor")
     name = f"{TABLE}motor-order*{axis.domain}"
     held = (name, "a line with an envelope", (order,), knots, "motor", "", "", (), "", "")
-    subsets = tuple(
-        np.kron(np.eye(2), level) for level in axis.levels(_TURN_KNOTS if axis.period else _KNOTS)
-    )
-    return Table(*held, columns, False, subsets=subsets)
+    two = np.eye(2)
+    subsets: list[FloatArray] = [np.asarray(np.kron(two, level), dtype=float) for level in levels]
+    return Table(*held, columns, False, subsets=tuple(subsets))

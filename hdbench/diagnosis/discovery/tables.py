@@ -64,7 +64,8 @@ class Axis:
     def _picked(self, count: int) -> FloatArray:
         if self.period:
             return self.knots[:: max(1, len(self.knots) // count)]
-        return self.knots[np.unique(np.linspace(0, len(self.knots) - 1, count).round().astype(int))]
+        pick = np.unique(np.linspace(0, len(self.knots) - 1, count).round().astype(int))
+        return np.asarray(self.knots[pick])
 
     def _hats(self, values: FloatArray, knots: FloatArray) -> FloatArray:
         """Return piecewise-linear functions over knots at some values."""
@@ -163,7 +164,8 @@ def _table(axes: tuple[Axis, ...], record: Record, count: int) -> Cause:
     name = TABLE + "*".join(domains)
     levels = axes[0].levels(count)
     if len(axes) == 2:
-        levels = [np.kron(*both) for both in zip(levels, axes[1].levels(count), strict=True)]
+        both = zip(levels, axes[1].levels(count), strict=True)
+        levels = [np.asarray(np.kron(one, other), dtype=float) for one, other in both]
     subsets = [level[kept][:, 1:] for level in levels]
     if len(axes) == 1:
         subsets += list(np.eye(len(kept))[:, :, None])
