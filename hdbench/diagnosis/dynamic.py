@@ -14,7 +14,7 @@ from hdbench.diagnosis.answer.result import Diagnosis, data_bad
 from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange, parse_baseline
 from hdbench.diagnosis.discovery.fit import Fit
-from hdbench.diagnosis.discovery.record import Record, prepare_record
+from hdbench.diagnosis.discovery.record import Record, as_followed, prepare_record
 from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
@@ -205,8 +205,15 @@ def findings_of(task: Task, ready: Ready, found: Search, late: ResidualFaults) -
     return Findings(found, task.given, inspected, late, undone, task.materiality, task.causes)
 
 
-def _prepared(task: Task, trace: Trace, masked: NDArray[np.bool_]) -> Record:
+def _prepared(
+    task: Task, trace: Trace, masked: NDArray[np.bool_], *channel: LowPass | None
+) -> Record:
+    """Return a trace as a record, behind the low-pass of its channel where that is known."""
     record = prepare_record(trace, task.profile.data, task.given, masked, task.change)
+    for low_pass in channel:
+        record = record.behind(low_pass)
+        if "expected-torque" not in task.change.without:
+            record = as_followed(record)
     return replace(record, motion=task.given.signal_motion(record.motion))
 
 
@@ -276,8 +283,8 @@ def _with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFault
     """Return late faults with the spikes that were taken out before the search."""
     inspected, spikes = ready.inspected, ready.spikes
     if spikes.any() and not any(fault.name == "spikes" for fault in late.faults):
-        whole = _prepared(task, inspected.trace, inspected.masked)
-        fit = Fit.start(whole.behind(ready.record.low_pass), task.known())
+        whole = _prepared(task, inspected.trace, inspected.masked, ready.record.low_pass)
+        fit = Fit.start(whole, task.known())
         early = _faults(task, ready, fit.record, fit, white=False)
         late = replace(late, faults=(*early.faults, *late.faults))
     return replace(late, spikes=late.spikes | spikes)
@@ -306,9 +313,7 @@ def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, 
     early = _faults(task, inspected, record, fit, white=False)
     spikes = early.spikes
     low_pass = fit.bands.low_pass
-    if spikes.any():
-        record = _prepared(task, inspected.trace, inspected.masked | spikes)
-    record = record.behind(low_pass)
+    record = _prepared(task, inspected.trace, inspected.masked | spikes, low_pass)
     if any(fault.name == "quantisation" for fault in early.faults):
         record = _rounded(task, record)
     return record, spikes
@@ -335,5 +340,5 @@ def _residual_of(
     """Return the root mean square that the baseline leaves of a trace, N m."""
     if trace is None:
         return 0.0
-    fit = Fit.start(_prepared(task, trace, masked).behind(low_pass), task.known())
+    fit = Fit.start(_prepared(task, trace, masked, low_pass), task.known())
     return float(np.sqrt(np.mean(residual_nm(fit)[fit.record.valid] ** 2)))

@@ -12,6 +12,8 @@ from hdbench.records.trace import FloatArray
 RIVAL_NATS = 3.0
 # contract: sine squared of the largest angle below which names span the same space
 SAME_SPACE = 0.01
+# a name says what an effect is if it spans this share of its squares
+SPANS = 0.95
 # values beyond its parameters that noise needs before anything is held against its scatter
 LEAST_DOF = 3
 # a step of time longer than this many median periods is a gap: one lost sample makes 2

@@ -12,7 +12,7 @@ from hdbench.records.trace import FloatArray
 
 # narrow bands at the slow end, where a spectrum bends, and even ones above
 _SLOW_BANDS, _EVEN_BANDS = 16, 41
-_SLOW_SHARE = 0.03
+SLOW_SHARE = 0.03
 # share of the record that fades in and out: a transform takes a jump between both ends for noise
 _FADE = 0.01
 # a filter is undone to some thirty times, so that noise behind it does not take over
@@ -217,8 +217,8 @@ def make_bands(valid: NDArray[np.bool_], period_s: float, share: float = 1.0) ->
     n = len(valid)
     size = int(next_fast_len(n, real=True))
     top = max(share * size, 4.0)
-    slow = np.geomspace(3, max(4.0, top * _SLOW_SHARE), _SLOW_BANDS).astype(int)
-    even = np.linspace(top * _SLOW_SHARE, top, _EVEN_BANDS + 1).astype(int)
+    slow = np.geomspace(3, max(4.0, top * SLOW_SHARE), _SLOW_BANDS).astype(int)
+    even = np.linspace(top * SLOW_SHARE, top, _EVEN_BANDS + 1).astype(int)
     edges = np.unique(np.concatenate([[0], slow, even[1:]]))
     ramp = max(2, int(n * _FADE))
     fade = np.ones(n)

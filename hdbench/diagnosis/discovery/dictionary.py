@@ -13,6 +13,7 @@ from hdbench.diagnosis.discovery.chance import chi2_tail, chi2_tails
 from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.shapes import chosen_shapes
+from hdbench.diagnosis.discovery.tables import subsets_of
 from hdbench.diagnosis.discovery.term import (
     Term,
     harmonics,
@@ -51,13 +52,22 @@ class Member:
         Cause with a shape.
     rows : slice
         Its rows.
-    whole : bool
-        False for one harmonic of several, which is tried alone too.
+    mix : ndarray or None, shape (n_rows, k)
+        A part of the term, which is tried alone too: sums of its rows.
     """
 
     term: Term
     rows: slice
-    whole: bool = True
+    mix: FloatArray | None = None
+
+    def part(self, values: FloatArray) -> FloatArray:
+        """Return the member's part of values of all rows along the last axis."""
+        own = values[..., self.rows]
+        return own if self.mix is None else own @ self.mix
+
+    def square(self, products: FloatArray) -> FloatArray:
+        """Return the member's part of products of all rows of its term, (..., k, k)."""
+        return products if self.mix is None else self.mix.T @ products @ self.mix
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +128,7 @@ class Dictionary:
         information = []
         for member, own in zip(self.members, self.own, strict=True):
             whole = np.tensordot(weight, own, 1)
-            part = cross[:, member.rows]
+            part = member.part(cross)
             information.append(whole - part.T @ part)
         return information, right
 
@@ -129,7 +139,7 @@ class Dictionary:
         found = []
         for member, matrix, own in zip(self.members, information, self.own, strict=True):
             whole = np.einsum("b,bii->i", weight, own)
-            statistic, dof = explained(matrix, right[member.rows], whole)
+            statistic, dof = explained(matrix, member.part(right), whole)
             if not dof:
                 continue
             trials = self.family_trials.get(member.term.name, 1.0)
@@ -150,7 +160,7 @@ class Dictionary:
         whole = [
             m
             for m in self.members
-            if m.whole
+            if m.mix is None
             and m.rows.stop - m.rows.start <= _NARROW
             and not is_whole_share(m.term.cause)
             and m.term.cause.possible is None
@@ -207,8 +217,8 @@ class Dictionary:
         draws, ok = self._draws(fit, rng)
         chances: dict[str, FloatArray] = {}
         for member, matrix in zip(self.members, information, strict=True):
-            part = draws[:, member.rows]
-            covariance = ok[member.rows, member.rows]
+            part = member.part(draws)
+            covariance = member.square(ok[member.rows, member.rows])
             value, vector = np.linalg.eigh(covariance)
             kept = value > _OWN * max(float(value[-1]), 1e-30)
             if not kept.any() or not np.any(np.diag(matrix) > 0.0):
@@ -297,18 +307,18 @@ def make_dictionary(record: Record, causes: Iterable[Cause], fit: Fit) -> Dictio
         if not np.any(columns):
             continue
         count = columns.shape[1]
-        rows[at : at + count] = scaled_rows(fit.bands, columns)[0]
+        rows[at : at + count], scale = scaled_rows(fit.bands, columns)
         passed = float(np.sum(rows[at : at + count] ** 2)) / (count * len(record))
         if passed < PASSED:
             continue
-        members.append(Member(term, slice(at, at + count)))
         parts = harmonics(term.cause)
-        if len(parts) > 1:
-            members += [Member(term, slice(at + p[0], at + p[-1] + 1), False) for p in parts]
+        mixes = [np.eye(count)[:, part] for part in parts] if len(parts) > 1 else []
+        mixes += [scale[:, None] * subset for subset in subsets_of(term.cause)]
+        members += [Member(term, slice(at, at + count), mix) for mix in (None, *mixes)]
         at += count
     rows = rows[:at]
-    own = [_own(rows[m.rows], fit.bands.edges) for m in members]
-    return Dictionary(tuple(members), rows, own)
+    whole = {m.rows.start: _own(rows[m.rows], fit.bands.edges) for m in members if m.mix is None}
+    return Dictionary(tuple(members), rows, [m.square(whole[m.rows.start]) for m in members])
 
 
 def _own(rows: NDArray[np.float32], edges: NDArray[np.int64]) -> FloatArray:

@@ -19,6 +19,7 @@ from hdbench.diagnosis.discovery.moments import (
 )
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum, make_shapes
+from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import Term, follows_motion, term_columns
 from hdbench.diagnosis.evidence import PASSED
 from hdbench.records.trace import FloatArray
@@ -322,6 +323,14 @@ class Fit:
         self.parts.pop(part)
         self.owner = np.where(self.owner > part, self.owner - 1, self.owner)
 
+    def without(self, *parts: int) -> Fit:
+        """Return a fit of its own without these parts."""
+        new = self.copy()
+        for part in sorted(parts, reverse=True):
+            new.remove(part)
+        new.settle(2)
+        return new
+
     def reshape(self, part: int, term: Term) -> None:
         """Give a cause another shape."""
         rows, scale = scaled_rows(self.bands, term_columns(term, self.record))
@@ -442,6 +451,11 @@ class Fit:
     def causes(self) -> list[int]:
         """Return the parts that are causes and were not known before."""
         return [i for i, p in enumerate(self.parts) if p.term is not None and not p.term.known]
+
+    def tables(self) -> list[int]:
+        """Return the parts that are tables without a name."""
+        terms = [part.term for part in self.parts]
+        return [i for i, term in enumerate(terms) if term is not None and is_table(term.cause)]
 
     def term(self, part: int) -> Term:
         """Return the cause of a part, with its shape; ValueError for a piece of the baseline."""

@@ -17,6 +17,7 @@ from hdbench.diagnosis.discovery.moments import (
     weighted_products,
 )
 from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import (
     ABOVE_NOISE,
     Term,
@@ -221,6 +222,16 @@ def form_rows(fit: Fit, part: int) -> FloatArray:
     return np.asarray(vector[:, seen].T @ rows)
 
 
+def formed_share(fit: Fit, part: int) -> float:
+    """Return the share of a cause's torque, in the noise of the fit, that has the cause's form."""
+    own, weight = fit.owner == part, fit.bands.spread(1.0 / fit.spectrum.power)
+    plain, error = (
+        float(weight @ (fit.coefficients[some] @ fit.rows[some]) ** 2)
+        for some in (own & ~fit.form, own & fit.form)
+    )
+    return plain / max(plain + error, 1e-300)
+
+
 FIXED = "expected-torque"
 
 
@@ -352,7 +363,8 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
     moves.sort(key=quick, reverse=True)
     tried = [FormMove(value(scales) - base, scales) for scales in moves[:_WITHOUT]]
     for move in tuple(tried) if parts is None else ():
-        satellites = _spanned(fit, moments, tuple(move.scales), fit.causes())
+        named = [part for part in fit.causes() if not is_table(fit.term(part).cause)]
+        satellites = _spanned(fit, moments, tuple(move.scales), named)
         for count in range(1, len(satellites) + 1):
             gain = value(move.scales, satellites[:count]) - base
             tried.append(FormMove(gain, move.scales, tuple(satellites[:count])))

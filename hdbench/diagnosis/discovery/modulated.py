@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Look
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.lines import Scan, line_norm
-from hdbench.diagnosis.discovery.tables import TABLE, Axis, axes_of
+from hdbench.diagnosis.discovery.tables import TABLE, Axis, Table, axes_of
 from hdbench.diagnosis.discovery.term import Term
+from hdbench.diagnosis.evidence import SAME_SPACE, scaled
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.records.trace import FloatArray
 
-# knots over the other axis
-_KNOTS = 5
+# knots over the other axis, and over a turn, where an envelope may have several waves
+_KNOTS, _TURN_KNOTS = 5, 24
 
 
 def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
@@ -32,22 +34,20 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
     axes = axes_of(fit.record)
     found = []
     for axis in axes:
-        hats = axis.hats(_KNOTS)
-        statistic = np.zeros(len(scan.transform.grid))
-        for hat in hats.T:
-            norm = line_norm(fit, scan, hat**2)
-            sums = np.abs(scan.transform(weighted * hat)) ** 2
-            statistic += sums / norm
-        at = int(np.argmax(statistic))
-        dof = 2 * hats.shape[1]
-        # neighbouring hats overlap: half of the sum is counted twice at most
-        value = float(statistic[at]) / _OVERLAP
+        count = _TURN_KNOTS if axis.period else _KNOTS
+        hats = axis.hats(count)
+        waves = np.stack([scan.transform(weighted * hat) for hat in hats.T])
+        tried = [_strongest(fit, scan, hats @ mix, mix.T @ waves) for mix in axis.levels(count)]
+        value, dof, at = max(
+            (*tried, _strongest(fit, scan, hats, waves)),
+            key=lambda found: found[0] - 4.0 * found[1],
+        )
         places = max(2.0, scan.density)
         chance = min(1.0, (chi2_tail(value, dof)) * places * len(axes) * max(1.0, value / dof))
         order = float(scan.transform.grid[at])
         whole = round(order)
         near = abs(order - whole) < scan.cell and whole >= 1
-        cause = _cause(axis, hats, len(fit.record))
+        cause = _cause(axis, hats, axis.levels(count), len(fit.record))
         found.append(
             Look(
                 Term(cause, {"order": float(whole) if near else order}), value, dof, places, chance
@@ -56,11 +56,21 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
     return found
 
 
-# adjacent hats share a third of their squares
-_OVERLAP = 4.0 / 3.0
+def _strongest(
+    fit: Fit, scan: Scan, hats: FloatArray, waves: NDArray[np.complexfloating]
+) -> tuple[float, int, int]:
+    """Return what envelopes explain at the best order, their directions, and its place."""
+    norms = np.stack([line_norm(fit, scan, hat**2) for hat in hats.T])
+    unit = scaled(hats)[0]
+    value, vector = np.linalg.eigh(unit.T @ unit)
+    kept = value > SAME_SPACE * value[-1]
+    apart = vector[:, kept] / np.sqrt(value[kept])
+    statistic = np.sum(np.abs(apart.T @ (waves / np.sqrt(norms))) ** 2, axis=0)
+    at = int(np.argmax(statistic))
+    return float(statistic[at]), 2 * apart.shape[1], at
 
 
-def _cause(axis: Axis, hats: FloatArray, count: int) -> Cause:
+def _cause(axis: Axis, hats: FloatArray, levels: list[FloatArray], count: int) -> Cause:
     """Return a motor order with an envelope over an axis, as a cause without a name."""
 
     def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
@@ -73,17 +83,8 @@ def _cause(axis: Axis, hats: FloatArray, count: int) -> Cause:
         for k in range(2 * hats.shape[1])
     )
     order = Parameter("order", "1", 0.05, 1e3, "cycles per turn of the motor")
-    return Cause(
-        f"{TABLE}motor-order*{axis.domain}",
-        "a line with an envelope",
-        (order,),
-        knots,
-        "motor",
-        "",
-        "",
-        (),
-        "",
-        "",
-        columns,
-        False,
-    )
+    name = f"{TABLE}motor-order*{axis.domain}"
+    held = (name, "a line with an envelope", (order,), knots, "motor", "", "", (), "", "")
+    two = np.eye(2)
+    subsets: list[FloatArray] = [np.asarray(np.kron(two, level), dtype=float) for level in levels]
+    return Table(*held, columns, False, subsets=tuple(subsets))

@@ -12,6 +12,7 @@ from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
 from hdbench.diagnosis.discovery.moments import solve_best
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes
+from hdbench.diagnosis.discovery.tables import is_table, subsets_of
 from hdbench.diagnosis.discovery.term import (
     WIDE,
     Term,
@@ -24,6 +25,7 @@ from hdbench.diagnosis.discovery.term import (
     tangent_columns,
     term_columns,
 )
+from hdbench.diagnosis.evidence import PASSED
 from hdbench.model import shape_bounds
 from hdbench.records.trace import FloatArray
 
@@ -96,6 +98,10 @@ def candidate_of(
 ) -> Candidate:
     """Return a term as it is beside a fit."""
     rows, scale = scaled_rows(beside.bands, term_columns(term, record))
+    if float(np.sum(rows**2, axis=1).max()) < PASSED * len(record):
+        # of what the channel holds back its ends alone are seen
+        none = np.zeros(len(rows))
+        return Candidate(term, rows, scale, 0.0, 0, none, trials, false_alarm)
     matrix, right = beside.project(rows)
     before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
     if is_whole_share(term.cause):
@@ -160,7 +166,7 @@ def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROU
     names = smooth_shapes(best.term)
     # lobes, poles and teeth repeat a whole number of times in a turn
     whole = best.term.shape.get("order", 0.5) % 1.0 == 0.0 and is_line(best.term.cause)
-    if not names or whole or best.name.startswith("table:motor-order"):
+    if not names or whole:
         return best
     if is_whole_share(best.term.cause) and best.statistic <= 0.0:
         best = _of_right_size(beside, record, best)
@@ -278,6 +284,8 @@ def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> fl
     parts = harmonics(found.term.cause)
     if is_whole_share(found.term.cause):
         return 0.5 * statistic
+    if is_table(found.term.cause) and found.statistic > 0.0:
+        return _table_evidence(beside, found, statistic)
     sine = _is_sine(found, parts)
     if len(parts) < 2 or found.statistic <= 0.0 or sine:
         return log_evidence(statistic, found.dof) - (
@@ -295,6 +303,19 @@ def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> fl
     return float(np.logaddexp.reduce(scores)) - float(np.log(len(scores)))
 
 
+def _table_evidence(beside: Beside, found: Candidate, statistic: float) -> float:
+    """Return the evidence of a table: any simpler function that it holds is as likely as all."""
+    matrix, right = beside.project(found.rows)
+    before = np.einsum("kn,kn->k", found.rows * beside.whitening, found.rows)
+    ratio = statistic / found.statistic
+    scores = [log_evidence(statistic, found.dof)]
+    for subset in subsets_of(found.term.cause):
+        mix = found.scale[:, None] * subset
+        some, dof = explained(mix.T @ matrix @ mix, mix.T @ right, before @ mix**2)
+        scores.append(log_evidence(ratio * some, dof))
+    return float(np.logaddexp.reduce(scores)) - float(np.log(len(scores)))
+
+
 def price(beside: Beside, record: Record, found: Candidate) -> float:
     """Return what shape and place of a candidate cost, nats; a common cause costs less."""
     return _place_price(beside, record, found) - (_COMMON if found.term.cause.common else 0.0)
@@ -302,7 +323,7 @@ def price(beside: Beside, record: Record, found: Candidate) -> float:
 
 def _place_price(beside: Beside, record: Record, found: Candidate) -> float:
     term = found.term
-    if term.name.startswith("table:"):
+    if is_table(term.cause):
         return _TABLE_PRICE + float(np.log(max(found.trials, 1.0)))
     if is_line(term.cause) or "step_time_s" in term.shape:
         extra = 0.0

@@ -10,7 +10,8 @@ from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.records.trace import FloatArray
 
-# lengths of a burst, samples; the share of the record that the longest may take
+# samples over which a burst changes, its lengths, and the share of the record of the longest
+_SCALES = (1, 4, 16, 64)
 _LENGTHS = (4, 16, 64, 256, 1024, 4096)
 _SHARE = 0.1
 # power above the falling part of the spectrum by this factor is a hump
@@ -107,25 +108,27 @@ def find_burst(fit: Fit, variance: FloatArray | None = None) -> Burst | None:
     n = len(white)
     # a channel that passes half of the band has half of the independent samples
     share = fit.bands.size / fit.bands.length
-    total = np.concatenate([[0.0], np.cumsum(white**2)])
+    lengths = [m for m in _LENGTHS if m <= _SHARE * n and m * share >= 2.0]
+    tried = [(s, m, shift) for s in _SCALES for m in lengths if m >= s for shift in {0, s // 2}]
     best: Burst | None = None
-    tried = [m for m in _LENGTHS if m <= _SHARE * n and m * share >= 2.0]
-    for m in tried:
-        starts = np.arange(0, n - m, max(1, m // 2))
-        energy = (total[starts + m] - total[starts]) / share
+    for scale, m, shift in tried:
+        # what changes slowly stands in the means of its samples, far above their scatter
+        sums = np.add.reduceat(white[shift:], np.arange(0, n - shift, scale))
+        total = np.concatenate([[0.0], np.cumsum(sums**2) / scale])
+        long = m // scale
+        starts = np.arange(0, len(sums) - long, max(1, long // 2))
+        energy = total[starts + long] - total[starts]
         at = int(np.argmax(energy))
-        dof = m * share
-        chance = chi2_tail(float(energy[at]) * share, dof) * len(starts) * len(tried)
+        dof = long * min(1.0, share * scale)
+        chance = chi2_tail(float(energy[at]), dof) * len(starts) * len(tried)
         if best is None or chance < best.chance:
-            left = residual_nm(fit)[starts[at] : starts[at] + m]
+            first = shift + scale * int(starts[at])
+            left = residual_nm(fit)[first : first + m]
             time = fit.record.motion.time_s
-            beyond = max(0.0, float(np.sum(left**2)) * (1.0 - dof / max(energy[at] * share, 1e-9)))
+            square = float(np.sum(white[first : first + m] ** 2))
+            beyond = float(np.sum(left**2)) * max(0.0, 1.0 - m * share / max(square, 1e-9))
             best = Burst(
-                float(time[starts[at]]),
-                float(time[starts[at] + m - 1]),
-                m,
-                beyond / n,
-                min(1.0, chance),
+                float(time[first]), float(time[first + m - 1]), m, beyond / n, min(1.0, chance)
             )
     return best
 

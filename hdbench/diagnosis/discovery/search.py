@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hdbench.diagnosis.discovery.chance import chi2_tail
-from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, make_dictionary
+from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, explained, make_dictionary
 from hdbench.diagnosis.discovery.fit import LOW_PASS_PRICE, Beside, Fit, Part
 from hdbench.diagnosis.discovery.form import (
     STRONG,
@@ -41,6 +41,7 @@ from hdbench.diagnosis.discovery.term import (
     smooth_shapes,
     term_columns,
 )
+from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS
 from hdbench.model import Cause
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
 from hdbench.records.trace import FloatArray
@@ -113,6 +114,7 @@ class Search:
     catalogue: Mapping[str, Cause]
     dropped: dict[str, int] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
+    latest: tuple[str, ...] = ()
     first: dict[str, FloatArray] = field(default_factory=dict)
     first_power: float = 0.0
 
@@ -194,7 +196,7 @@ class Search:
             tried += self._pairs(view, beside, base, some)
         tried, plain = self._different(tried), self._different(plain)
         tried = [self._judged(e) for e in self._joined(tried, plain)]
-        tried = [e for e in tried if e[0].false_alarm < self.alpha and _nats(e) > _LEAST_NATS]
+        tried = [e for e in tried if e[0].false_alarm < self.alpha and _nats(e) > _needed(e)]
         self.log.append(
             "  "
             + "; ".join(
@@ -362,6 +364,7 @@ class Search:
     def accept(self, entry: tuple[Candidate, ...]) -> None:
         """Add candidates to the fit and settle."""
         old, new = self.fit, entry[0].joined
+        self.latest = tuple(found.name for found in entry)
         if new is None:
             for found in entry:
                 old.add_term(found.term)
@@ -439,28 +442,40 @@ class Search:
         while len(fit.causes()) > most:
             worst, least = None, needed
             for part in fit.causes():
-                value = self.evidence_of(part)
+                value = -np.inf if self._merged(part) else self.evidence_of(part)
                 if value < least:
                     worst, least = part, value
             if worst is None:
                 return
             self.log.append(f"- {fit.parts[worst].name} E={least:.1f}")
             name = fit.parts[worst].name
-            self.dropped[name] = self.dropped.get(name, 0) + 1
+            again = _AGAIN if name in self.latest else self.dropped.get(name, 0) + 1
+            self.dropped[name] = again
             fit.remove(worst)
             fit.settle(3)
 
+    def _merged(self, part: int) -> bool:
+        """Return whether a line has moved into the cell of a larger one, whose form it is now."""
+        fit = self.fit
+        for scan in self.scans:
+            place = fit.term(part).shape.get(_key(scan), np.inf)
+            for other in fit.causes():
+                beside = abs(fit.term(other).shape.get(_key(scan), -np.inf) - place)
+                if other != part and beside < scan.cell:
+                    return fit.size_nm(part) <= fit.size_nm(other)
+        return False
+
     def drop_needless(self) -> bool:
-        """Drop causes that others at shapes of their own can stand for; return whether any went."""
-        before = len(self.fit.causes())
+        """Drop causes that others at shapes of their own can stand for; return whether any went.
+
+        Beside tables no name is needless: they could stand for any.
+        """
+        before = self.fit.causes()
         # from the last one on: the places before one that goes stay
-        for part in reversed(self.fit.causes()):
+        for part in reversed(self.fit.tables() or before):
             fit = self.fit
             held = fit.parts[part]
-            without = fit.copy()
-            without.remove(part)
-            without.settle(2)
-            self.fit = without
+            self.fit = without = fit.without(part)
             self.reshape_all()
             attach_forms(without)
             lost = value_of(fit) - value_of(_best_formed(without, len(without.parts)))
@@ -469,12 +484,60 @@ class Search:
             else:
                 self.log.append(f"- {held.name} lost {lost:.1f} cost {held.cost_nats:.1f}")
                 self.dropped[held.name] = self.dropped.get(held.name, 0) + 1
-        return len(self.fit.causes()) < before
+        return len(self.fit.causes()) < len(before)
+
+    def best_table(self, view: Fit, beside: Beside) -> Look | None:
+        """Return the table that explains most beside a fit; None without one."""
+        looks = [*self.tables.looks(beside)[:1], *modulated_looks(view, self.scans)]
+        looks = [look for look in looks if self.dropped.get(look.term.name, 0) < _AGAIN]
+        return max(looks, key=_quick, default=None)
+
+    def exchange_for_table(self) -> bool:
+        """Take a table in place of laws that miss the torque's form; return whether any went."""
+        for part in self.fit.causes():
+            if part in self.fit.tables() or is_line(self.fit.term(part).cause):
+                continue
+            view = self.fit.without(part, *self.fit.tables())
+            beside = view.beside()
+            own = candidate_of(beside, view.record, self.fit.term(part), 1.0, 1.0)
+            look = self.best_table(view, beside)
+            if look is not None and own.statistic < SPANS * look.statistic:
+                found = candidate_of(beside, view.record, look.term, look.trials, look.false_alarm)
+                if self._exchanged(joined(view, (look.term,)), found):
+                    return True
+        return False
+
+    def _exchanged(self, new: Fit, table: Candidate) -> bool:
+        """Take a fit with a table last if names that it makes needless say less than the table."""
+        fit = self.fit
+        self._relieved(new, 1)
+        stay = [id(part.term) for part in new.parts[:-1]]
+        gone = [part for part in fit.causes() if id(fit.parts[part].term) not in stay]
+        base = fit.without(*gone)
+        beside = base.beside()
+        rows = fit.rows[np.isin(fit.owner, gone) & ~fit.form]
+        before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
+        spanned, _ = explained(*beside.project(rows), before)
+        table = candidate_of(beside, base.record, table.term, table.trials, table.false_alarm)
+        table = weighed(beside, base.record, table, base.shapes, settled(beside, base))
+        cost = table.gain_nats - table.evidence_nats
+        names = value_of(fit) - sum(fit.parts[part].cost_nats for part in gone)
+        gain = value_of(new) - cost - names
+        self.log.append(
+            f"{table.name} for {'+'.join(fit.parts[k].name for k in gone)} E={gain:.0f}"
+            f" T={table.statistic:.0f} for {spanned:.0f}"
+        )
+        if gain < 0.0 or spanned > SPANS * table.statistic:
+            return False
+        for part in gone:
+            name = fit.parts[part].name
+            self.dropped[name] = self.dropped.get(name, 0) + 1
+        self.accept((replace(table, joined=new),))
+        return True
 
     def beside_names(self, part: int) -> Beside:
         """Return the fit beside a part; beside a name, without tables, which could take it in."""
-        parts = self.fit.parts
-        tables = [k for k, other in enumerate(parts) if is_table_part(other)]
+        tables = self.fit.tables()
         return self.fit.beside(part, *(() if part in tables else tables))
 
     def evidence_of(self, part: int) -> float:
@@ -510,9 +573,14 @@ def all_possible(fit: Fit, last: int) -> bool:
     )
 
 
-def is_table_part(part: Part) -> bool:
-    """Return whether a part of a fit is a table without a name."""
-    return part.term is not None and is_table(part.term.cause)
+def _needed(entry: tuple[Candidate, ...]) -> float:
+    """Return the evidence that an entry must have, nats: a table has no name to speak for it."""
+    return RIVAL_NATS if is_table(entry[0].term.cause) else _LEAST_NATS
+
+
+def _is_first_table(found: tuple[Candidate, ...], fit: Fit) -> bool:
+    """Return whether a table comes beside names alone."""
+    return is_table(found[0].term.cause) and not fit.tables()
 
 
 def _place_of(part: Part, key: str) -> float | None:
@@ -602,7 +670,7 @@ def _quick(look: Look) -> float:
         0.5 * look.statistic
         - 2.0 * look.dof
         - float(np.log(max(look.trials, 1.0)))
-        - (5.0 if is_table(look.term.cause) else 0.0)
+        - (RIVAL_NATS if is_table(look.term.cause) else 0.0)
     )
 
 
@@ -762,6 +830,8 @@ def search_from(
                 form = best_form_move(fit)
                 if form is None or form.gain_nats < least:
                     break
+        elif (not found or _is_first_table(found, fit)) and state.drop_needless():
+            pass
         elif found:
             before = fit.bands.power(fit.residual).sum()
             state.accept(found)
@@ -769,7 +839,7 @@ def search_from(
             if small > _SMALL:
                 state.drop_needless()
                 break
-        elif not state.drop_needless():
+        elif not state.exchange_for_table():
             break
         fit = state.fit
         state.reshape_all()

@@ -14,9 +14,10 @@ from hdbench.records.trace import FloatArray
 
 # prefix of the name of a table, which no cause of the catalogue has
 TABLE = "table:"
-# knots over an axis, and over each of two
-_KNOTS = 12
+# knots over an axis, and over each of two; of these a smooth function needs fewer
+_KNOTS = 13
 _KNOTS_OF_TWO = 5
+_FEWER = (2, 3, 5)
 # a knot that fewer samples see than this share of the most seen one is left out
 _SELDOM = 1e-3
 # samples from which that is judged
@@ -54,16 +55,44 @@ class Axis:
 
     def hats(self, count: int) -> FloatArray:
         """Return piecewise-linear functions over about `count` of the knots."""
-        pick = np.unique(np.linspace(0, len(self.knots) - 1, count).round().astype(int))
-        knots = self.knots[pick]
+        return self._hats(self.values, self._picked(count))
+
+    def levels(self, count: int) -> list[FloatArray]:
+        """Return the values at the knots of functions over fewer of them, each (n_knots, n)."""
+        return [self._hats(self._picked(count), self._picked(fewer)) for fewer in _FEWER]
+
+    def _picked(self, count: int) -> FloatArray:
         if self.period:
-            knots = self.knots[:: max(1, len(self.knots) // count)]
-            place = np.mod(self.values, self.period)
-            extended = np.append(knots, knots[0] + self.period)
-            eye = np.vstack([np.eye(len(knots)), np.eye(len(knots))[:1]])
-            return np.stack([np.interp(place, extended, eye[:, i]) for i in range(len(knots))], 1)
+            return self.knots[:: max(1, len(self.knots) // count)]
+        pick = np.unique(np.linspace(0, len(self.knots) - 1, count).round().astype(int))
+        return np.asarray(self.knots[pick])
+
+    def _hats(self, values: FloatArray, knots: FloatArray) -> FloatArray:
+        """Return piecewise-linear functions over knots at some values."""
         eye = np.eye(len(knots))
-        return np.stack([np.interp(self.values, knots, eye[i]) for i in range(len(knots))], 1)
+        if self.period:
+            values, knots = np.mod(values, self.period), np.append(knots, knots[0] + self.period)
+            eye = np.hstack([eye, eye[:, :1]])
+        return np.stack([np.interp(values, knots, row) for row in eye], 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Table(Cause):
+    """A table without a name, as a cause.
+
+    Parameters
+    ----------
+    subsets : tuple of ndarray, shape (n_knots, k)
+        Simpler functions that it holds, any of which is as likely as the whole: those over fewer
+        knots, and one knot alone.
+    """
+
+    subsets: tuple[FloatArray, ...] = ()
+
+
+def subsets_of(cause: Cause) -> tuple[FloatArray, ...]:
+    """Return the simpler functions that a table holds; none for any other cause."""
+    return cause.subsets if isinstance(cause, Table) else ()
 
 
 def _knots(values: FloatArray, valid: NDArray[np.bool_], count: int) -> FloatArray:
@@ -133,7 +162,15 @@ def _table(axes: tuple[Axis, ...], record: Record, count: int) -> Cause:
         Parameter(f"knot_{k}_nm", "N m", -1e6, 1e6, "torque at one knot") for k in range(len(kept))
     )
     name = TABLE + "*".join(domains)
-    return Cause(name, "a table", (), knots, domains[0], "", "", (), "", "", columns, False)
+    levels = axes[0].levels(count)
+    if len(axes) == 2:
+        both = zip(levels, axes[1].levels(count), strict=True)
+        levels = [np.asarray(np.kron(one, other), dtype=float) for one, other in both]
+    subsets = [level[kept][:, 1:] for level in levels]
+    if len(axes) == 1:
+        subsets += list(np.eye(len(kept))[:, :, None])
+    held = (name, "a table", (), knots, domains[0], "", "", (), "", "", columns, False)
+    return Table(*held, subsets=tuple(subsets))
 
 
 def _products(axes: tuple[Axis, ...], count: int, rows: slice) -> FloatArray:

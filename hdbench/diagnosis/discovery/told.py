@@ -10,16 +10,23 @@ import numpy as np
 from hdbench.diagnosis.answer.result import Spectrum
 from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
-from hdbench.diagnosis.discovery.form import USUAL, usual_scale
+from hdbench.diagnosis.discovery.form import USUAL, formed_share, usual_scale
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
 from hdbench.diagnosis.discovery.lines import scan_power
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.naming import Named, name_causes
+from hdbench.diagnosis.discovery.refine import candidate_of, weighed
 from hdbench.diagnosis.discovery.rest import find_burst, find_humps
-from hdbench.diagnosis.discovery.search import SHARES, SLOW_PRICE, Search, is_table_part
+from hdbench.diagnosis.discovery.search import (
+    SHARES,
+    SLOW_PRICE,
+    Search,
+    settled,
+)
 from hdbench.diagnosis.discovery.spectrum import Shapes
 from hdbench.diagnosis.discovery.tables import axes_of, is_table
 from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, term_columns
+from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS
 from hdbench.model import BenchModel, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import (
@@ -92,7 +99,7 @@ def tell(
     base = {i for i in everything if i not in fit.causes()}
     before, after = held.predict(base), held.predict(everything)
     # a table could take in what a name explains: names are held against each other without it
-    names = {i for i, part in enumerate(fit.parts) if not is_table_part(part)}
+    names = everything - set(fit.tables())
     with_names = held.predict(names)
     variance = mean_square(fit, base)
     matrices = covariances(fit)
@@ -124,12 +131,36 @@ def tell(
             continue
         gain = gain_between(without, with_names, rng)
         causes.append(cause_of(one, terms[-1], model, gain, shares[index], chance))
+        places += form_places(search, index, variance)
     walk = walk_of(search, variance)
     if walk is not None:
         causes.append(walk[0])
         terms.append(walk[1])
     places += rest_places(search, variance, noise_variance)
     return Told(fit, causes, places, before, after, terms)
+
+
+def form_places(search: Search, part: int, variance: float) -> list[Unexplained]:
+    """Return the axis of a cause's form error where that is more than a name may miss."""
+    if formed_share(search.fit, part) > SPANS:
+        return []
+    view = search.fit.copy()
+    view.parts[part].form_scale = usual_scale(view.parts[part])
+    view.settle(2)
+    beside = view.beside()
+    look = search.best_table(view, beside)
+    if look is None:
+        return []
+    found = candidate_of(beside, view.record, look.term, look.trials, look.false_alarm)
+    found = weighed(beside, view.record, found, view.shapes, settled(beside, view))
+    search.log.append(f"form of {view.parts[part].name}: {found.name} E={found.evidence_nats:.0f}")
+    if found.evidence_nats < RIVAL_NATS:
+        return []
+    before = set(range(len(view.parts)))
+    new = view.add_term(found.term)
+    view.settle(2)
+    share = (mean_square(view, before) - mean_square(view, {*before, new})) / variance
+    return [place_of(view, new, float(np.clip(share, 0.0, 1.0)), look.false_alarm)]
 
 
 def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | None:
