@@ -13,6 +13,7 @@ from hdbench.diagnosis.answer.assemble import Findings, assemble
 from hdbench.diagnosis.answer.result import Diagnosis, data_bad
 from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange, parse_baseline
+from hdbench.diagnosis.discovery.channel import DELAY, start_fit
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import Record, as_followed, prepare_record
 from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
@@ -62,8 +63,13 @@ class Task:
         return tuple(
             Term(self.causes[term.name], dict(term.shape), known=True)
             for term in self.given.causes
-            if self.causes[term.name].additive
+            if self.causes[term.name].additive and term.name != DELAY
         )
+
+    def late_s(self) -> float:
+        """Return the delay of the torque channel that the model already holds, s."""
+        skews = [term.linear[0] for term in self.given.causes if term.name == DELAY]
+        return float(sum(skews))
 
 
 def diagnose_trace(
@@ -214,7 +220,9 @@ def _prepared(
         record = record.behind(low_pass)
         if "expected-torque" not in task.change.without:
             record = as_followed(record)
-    return replace(record, motion=task.given.signal_motion(record.motion))
+    late = task.late_s()
+    motion = task.given.signal_motion(record.motion)
+    return replace(record, motion=motion, late_s=late, late_known=late != 0.0)
 
 
 def _without_own_current(inspected: Inspected, profile: Profile) -> Inspected:
@@ -284,7 +292,7 @@ def _with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFault
     inspected, spikes = ready.inspected, ready.spikes
     if spikes.any() and not any(fault.name == "spikes" for fault in late.faults):
         whole = _prepared(task, inspected.trace, inspected.masked, ready.record.low_pass)
-        fit = Fit.start(whole, task.known())
+        fit = start_fit(whole, task.known())
         early = _faults(task, ready, fit.record, fit, white=False)
         late = replace(late, faults=(*early.faults, *late.faults))
     return replace(late, spikes=late.spikes | spikes)
@@ -309,7 +317,7 @@ def _faults(
 
 def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, NDArray[np.bool_]]:
     """Return the record without spikes, and with what coarse readings add on average."""
-    fit = Fit.start(record, task.known())
+    fit = start_fit(record, task.known())
     early = _faults(task, inspected, record, fit, white=False)
     spikes = early.spikes
     low_pass = fit.bands.low_pass
@@ -322,7 +330,7 @@ def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, 
 def _rounded(task: Task, record: Record) -> Record:
     """Return the record with the mean error of coarse readings held fixed."""
     for _ in range(2):
-        left = residual_nm(Fit.start(record, task.known()))
+        left = residual_nm(start_fit(record, task.known()))
         torque = np.where(record.valid, record.torque_nm, 0.0)
         steps = coarse_steps(torque[record.valid])
         if steps is None:
@@ -340,5 +348,5 @@ def _residual_of(
     """Return the root mean square that the baseline leaves of a trace, N m."""
     if trace is None:
         return 0.0
-    fit = Fit.start(_prepared(task, trace, masked, low_pass), task.known())
+    fit = start_fit(_prepared(task, trace, masked, low_pass), task.known())
     return float(np.sqrt(np.mean(residual_nm(fit)[fit.record.valid] ** 2)))

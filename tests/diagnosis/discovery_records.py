@@ -4,7 +4,7 @@ import numpy as np
 from swinging_shaft import NOISE_NM, RIPPLE, record
 
 from hdbench.diagnosis.discovery.baseline import parse_baseline
-from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.record import prepare_record
 from hdbench.diagnosis.discovery.spectrum import Spectrum
 from hdbench.model import BenchModel
@@ -23,16 +23,14 @@ def swinging(n, extra=lambda time, angle, speed: 0.0, seed=0, change=(), mean=50
 
 def with_noise(fit, noise_nm):
     """Return a fit of the same baseline to another noise, its spectrum known: white."""
-    view = fit.copy()
+    view = fit.of(fit.bands.transform(noise_nm[:, None])[0])
     power = np.full(len(fit.bands), NOISE_NM**2)
     view.spectrum = Spectrum(power, fit.spectrum.amounts)
     view.coefficients = np.zeros_like(fit.coefficients)
-    view.measured = fit.bands.transform(noise_nm[:, None])[0]
-    view.residual = view.measured.copy()
     view.settle(0)
     return view
 
 
 def fitted(record):
     """Return the fit of the baseline."""
-    return Fit.start(record)
+    return start_fit(record)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdict_of
 from hdbench.diagnosis.answer.testable import testable
+from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import SAMPLED
 from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
@@ -51,7 +52,9 @@ def assemble(
     told: Told | None = None,
 ) -> Diagnosis:
     """Return the answer of a diagnosis."""
-    first = Fit.start(findings.search.fit.record, _known(findings.search.fit))
+    record = findings.search.fit.record
+    record = record if record.late_known else replace(record, late_s=0.0)
+    first = start_fit(record, _known(findings.search.fit))
     baseline_left = residual_nm(first)
     told = told or tell(findings.search, findings.given, rng, findings.noise_variance)
     fit = told.fit

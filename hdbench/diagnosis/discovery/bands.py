@@ -85,6 +85,16 @@ class LowPass:
         return np.fft.irfft(lines, 2 * len(held))[: len(held)]
 
 
+def shifted(values: FloatArray, samples: float) -> FloatArray:
+    """Return a signal as it was some samples ago; noise stays as white as it is."""
+    if samples == 0.0:
+        return values
+    # mirrored, so that both ends meet
+    lines = np.fft.rfft(np.concatenate([values, values[::-1]]))
+    lines *= np.exp(-1j * np.pi * samples * np.arange(len(lines)) / len(values))
+    return np.fft.irfft(lines, 2 * len(values))[: len(values)]
+
+
 def _bridged(values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
     """Return which values are known, and all of them with lost ones on straight lines."""
     known = np.isfinite(values)

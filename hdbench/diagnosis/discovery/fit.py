@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
+from hdbench.diagnosis.discovery.bands import Bands, shifted
 from hdbench.diagnosis.discovery.moments import (
     RISES,
     Moments,
@@ -24,31 +24,8 @@ from hdbench.diagnosis.discovery.term import Term, follows_motion, term_columns
 from hdbench.diagnosis.evidence import PASSED
 from hdbench.records.trace import FloatArray
 
-# no torque is known better than to this share of its scatter
-_FLOOR = 1e-3
-# below this share of its scatter a torque that was filtered before it was stored holds nothing but
-# the tail of the filter, which no model follows
-_FILTERED_FLOOR = 2e-2
-# a band with less than this many times the floor is empty
-_EMPTY = 10.0
-# corners of a low-pass that is tried where the torque has no power above some 0.3 of Nyquist,
-# relative to the last frequency with power
-_NARROW = 0.3
-_CORNERS = (0.3, 0.45, 0.6, 0.8, 1.1, 1.5)
-# noise that falls below this share between this part of the band and its end may be low-passed
-# too; in a record of less than so many samples that costs little to try
-_FALLS, _FLAT, _SHORT = 0.3, 0.15, 40_000
-# corners that are tried then, relative to Nyquist, the highest, and ratios about the best
-_WIDE_CORNERS = (0.015, 0.04, 0.1, 0.2, 0.4, 0.75)
-_HIGHEST, _FINER = 0.95, (1.4, 1.2, 1.1, 1.05, 1.02)
-# order of a low-pass, and whether it has a delay
-_KINDS = ((2, False), (2, True), (4, False))
-# dry friction turns over within a hundredth of the largest speed
-_SHARP = 100.0
 # name of the columns that stand for slow motion where the channel is judged
 SLOW = "slow-motion"
-# a low-pass is one of eighteen that are tried, and is seldom: 60 to 1
-LOW_PASS_PRICE = 7.0
 # directions of which less than this share of their energy is their own are taken as dependent
 _OWN_SHARE = 1e-6
 
@@ -168,10 +145,12 @@ class Fit:
         unit of the squared form scale.
     gram : ndarray, shape (n_bands, k, k)
         Products of rows in each band.
+    against : ndarray, shape (n_bands, k)
+        Products of rows with what was measured.
+    power : ndarray, shape (n_bands,)
+        Power of what was measured.
     coefficients : ndarray, shape (k,)
         Fitted coefficients, N m.
-    residual : ndarray, shape (size,)
-        Transform of what is left.
     spectrum : Spectrum
         Noise.
     fixed : ndarray, shape (n_bands,)
@@ -190,67 +169,47 @@ class Fit:
     form: NDArray[np.bool_]
     variance: FloatArray
     gram: FloatArray
+    against: FloatArray
+    power: FloatArray
     coefficients: FloatArray
-    residual: FloatArray
     spectrum: Spectrum
     fixed: FloatArray
     likelihood: float = -np.inf
     information: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
-    def start(cls, record: Record, known: Iterable[Term] = ()) -> Fit:
-        """Return the fit of the baseline and the causes that the model already holds."""
-        bands = make_bands(record.valid, record.period_s)
-        measured = _response(record, bands)
-        floor = (_FLOOR * float(np.std(record.response_nm[record.valid])) + 1e-12) ** 2
-        power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
-        top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
-        last = bands.frequency_hz[top] / bands.frequency_hz[-1]
-        corners: Sequence[float] = _WIDE_CORNERS
-        if last < _NARROW:
-            floor *= (_FILTERED_FLOOR / _FLOOR) ** 2
-            top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
-            corners = [
-                share * bands.frequency_hz[top] / bands.frequency_hz[-1] for share in _CORNERS
-            ]
-            share = bands.edges[top + 1] / bands.length
-            bands = make_bands(record.valid, record.period_s, float(share))
-        fit = cls.begun(record, bands.low_passed(record.low_pass), floor, known)
-        if record.channel_known or (corners is _WIDE_CORNERS and _is_open(fit)):
-            return fit
-        low_pass = _channel(record, bands, floor, corners)
-        if low_pass is None:
-            return fit
-        return cls.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, known)
+    def empty(
+        cls,
+        record: Record,
+        bands: Bands,
+        shapes: Shapes,
+        measured: FloatArray,
+        spectrum: Spectrum,
+        fixed: FloatArray,
+    ) -> Fit:
+        """Return a fit without any part."""
+        k, none = len(bands), np.zeros(0)
+        index, flags = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool)
+        rows, gram, against = np.zeros((0, bands.size)), np.zeros((k, 0, 0)), np.zeros((k, 0))
+        power = bands.power(measured)
+        return cls(
+            record, bands, shapes, measured, [], rows, index, flags, none, gram, against, power,
+            none, spectrum, fixed,
+        )  # fmt: skip
 
     @classmethod
     def begun(cls, record: Record, bands: Bands, floor: float, known: Iterable[Term]) -> Fit:
         """Return the fit of baseline and known causes in these bands."""
-        measured = _response(record, bands)
+        measured = response_of(record, bands)
         power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
         shapes = make_shapes(bands.frequency_hz, floor)
         # the first weights fall with frequency: a strong effect must not hide behind itself
         falling = np.maximum.accumulate(np.maximum(power, floor)[::-1])[::-1]
         spectrum = shapes.fit(falling, bands.counts)
-        k = len(bands)
         fixed = np.where(record.valid, record.fixed_nm, 0.0)
         fixed = fixed - fixed[record.valid].mean()
-        fit = cls(
-            record,
-            bands,
-            shapes,
-            measured,
-            [],
-            np.zeros((0, bands.size)),
-            np.zeros(0, dtype=np.int64),
-            np.zeros(0, dtype=bool),
-            np.zeros(0),
-            np.zeros((k, 0, 0)),
-            np.zeros(0),
-            measured.copy(),
-            spectrum,
-            bands.power(bands.transform(fixed[:, None])[0]),
-        )
+        moved = bands.power(bands.transform(fixed[:, None])[0])
+        fit = cls.empty(record, bands, shapes, measured, spectrum, moved)
         stems = [name.rpartition(":")[0] or name for name in record.names]
         for stem in dict.fromkeys(stems):
             places = [i for i, s in enumerate(stems) if s == stem]
@@ -304,16 +263,23 @@ class Fit:
         gram[:, k:, :] = new
         gram[:, :k, k:] = np.swapaxes(new[:, :, :k], 1, 2)
         self.rows, self.gram = every, gram
+        self.against = np.hstack([self.against, _products(self.bands, rows, self.measured)])
         self.owner = np.append(self.owner, np.full(extra, part))
         self.form = np.append(self.form, np.full(extra, form))
         self.variance = np.append(self.variance, variance)
         self.coefficients = np.append(self.coefficients, np.zeros(extra))
 
+    @property
+    def residual(self) -> FloatArray:
+        """Transform of what is left, shape (size,)."""
+        held = self.coefficients != 0.0
+        return np.asarray(self.measured - self.coefficients[held] @ self.rows[held])
+
     def keep(self, kept: NDArray[np.bool_]) -> None:
         """Keep only these rows; what the others explained is residual again."""
-        self.residual = self.residual + self.coefficients[~kept] @ self.rows[~kept]
         self.rows = self.rows[kept]
         self.gram = self.gram[:, kept][:, :, kept]
+        self.against = self.against[:, kept]
         self.owner, self.form = self.owner[kept], self.form[kept]
         self.variance, self.coefficients = self.variance[kept], self.coefficients[kept]
 
@@ -336,13 +302,15 @@ class Fit:
         rows, scale = scaled_rows(self.bands, term_columns(term, self.record))
         places = np.flatnonzero((self.owner == part) & ~self.form)
         linear = self.coefficients[places] / self.parts[part].scale
-        self.residual = self.residual + self.coefficients[places] @ self.rows[places]
+        # copies of this fit share its arrays
+        self.rows, self.gram, self.against = self.rows.copy(), self.gram.copy(), self.against.copy()
         self.rows[places] = rows
         new = self.bands.gram(rows, self.rows)
         self.gram[:, places, :] = new
         self.gram[:, :, places] = np.swapaxes(new, 1, 2)
+        self.against[:, places] = _products(self.bands, rows, self.measured)
+        self.coefficients = self.coefficients.copy()
         self.coefficients[places] = linear * scale
-        self.residual = self.residual - self.coefficients[places] @ rows
         self.parts[part].term, self.parts[part].scale = term, scale
 
     # --- algebra
@@ -365,11 +333,9 @@ class Fit:
 
     def all_moments(self) -> Moments:
         """Return the moments of all rows, form errors of scale zero among them."""
-        edges = self.bands.edges[:-1]
-        right = np.empty((len(self.bands), len(self.rows)))
-        for k, row in enumerate(self.rows):
-            right[:, k] = np.add.reduceat(row * self.residual, edges)
-        power = self.bands.power(self.residual)
+        explained = self.gram @ self.coefficients
+        right = self.against - explained
+        power = self.power - (self.against + right) @ self.coefficients
         moving = np.array([part.moving for part in self.parts], dtype=bool)[self.owner]
         return Moments(
             self.gram,
@@ -386,8 +352,7 @@ class Fit:
         """Fit coefficients and noise in turn."""
         idle = ~self.active & (self.coefficients != 0.0)
         if idle.any():
-            self.residual = self.residual + self.coefficients[idle] @ self.rows[idle]
-            self.coefficients[idle] = 0.0
+            self.coefficients = np.where(idle, 0.0, self.coefficients)
         if anew:
             self.take(solve(self.moments(), self.shapes, self.spectrum, rounds=rounds, anew=True))
         else:
@@ -396,8 +361,8 @@ class Fit:
     def take(self, solved: Solved) -> None:
         """Take over a solution for the active rows."""
         active = self.active
+        self.coefficients = self.coefficients.copy()
         self.coefficients[active] += solved.step
-        self.residual = self.residual - solved.step @ self.rows[active]
         self.spectrum, self.likelihood = solved.spectrum, solved.likelihood
         self.information = np.zeros((len(active), len(active)))
         self.information[np.ix_(active, active)] = solved.information
@@ -407,10 +372,34 @@ class Fit:
         even = self.shapes.even(self.spectrum.power)
         if float(np.max(self.spectrum.power / even)) < RISES:
             return None
-        view = replace(self, coefficients=self.coefficients.copy())
+        view = replace(self)
         view.spectrum = self.shapes.fit(even, self.bands.counts)
         view.take(solve(view.moments(), view.shapes, view.spectrum, rounds=0))
         return view
+
+    @property
+    def late(self) -> float:
+        """Samples by which the torque was read after the motion."""
+        return self.record.late_s / self.record.period_s
+
+    def retimed(self, late_s: float, rounds: int = 1) -> Fit:
+        """Return the fit of the torque as it was read so much after the motion."""
+        pieces = self.record.records or (self.record,)
+        parts = getattr(self.bands, "parts", (self.bands,))
+        moved = [replace(piece, late_s=late_s) for piece in pieces]
+        measured = [response_of(one, own) for one, own in zip(moved, parts, strict=True)]
+        new = self.of(np.concatenate(measured))
+        records = tuple(moved) if self.record.records else ()
+        new.record = replace(self.record, late_s=late_s, records=records)
+        new.settle(rounds)
+        return new
+
+    def of(self, measured: FloatArray) -> Fit:
+        """Return a fit with the same parts and coefficients of another measurement."""
+        new = self.copy()
+        new.measured, new.power = measured, self.bands.power(measured)
+        new.against = _products(self.bands, self.rows, measured)
+        return new
 
     def without_view(self, part: int) -> Fit:
         """Return the fit without one part, in the same noise."""
@@ -421,11 +410,10 @@ class Fit:
 
     def beside(self, *without: int) -> Beside:
         """Return residual and rows for a candidate, without these parts."""
-        moments, residual, kept = self.all_moments(), self.residual, self.active
-        if without:
-            out = np.isin(self.owner, without)
-            residual = residual + self.coefficients[out] @ self.rows[out]
-            kept = kept & ~out
+        moments, kept = self.all_moments(), self.active & ~np.isin(self.owner, without)
+        explained = np.where(np.isin(self.owner, without), 0.0, self.coefficients)
+        held = explained != 0.0
+        residual = self.measured - explained[held] @ self.rows[held]
         moments, rows = moments.without(~kept), self.rows[kept]
         weight = 1.0 / self.spectrum.power
         k = len(rows)
@@ -479,65 +467,29 @@ class Fit:
 
     def copy(self) -> Fit:
         """Return a fit that can be changed without this one."""
-        return replace(
-            self,
-            parts=[replace(part) for part in self.parts],
-            rows=self.rows.copy(),
-            gram=self.gram.copy(),
-        )
+        return replace(self, parts=[replace(part) for part in self.parts])
 
 
-def _is_open(fit: Fit) -> bool:
-    """Return whether the noise of a long record goes on to the end of the band."""
-    bands = fit.bands
-    left = bands.power(fit.residual) / np.maximum(bands.counts, 1e-9)
-    share = bands.frequency_hz / bands.frequency_hz[-1]
-    last = np.median(left[share > 1.0 - _FLAT])
-    return bool(len(fit.record) > _SHORT and last > _FALLS * left[np.searchsorted(share, _FLAT)])
+def _products(bands: Bands, rows: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the products of rows with another one in each band, shape (n_bands, k)."""
+    out = np.empty((len(bands), len(rows)))
+    for k, row in enumerate(rows):
+        out[:, k] = np.add.reduceat(row * other, bands.edges[:-1])
+    return out
 
 
-def _response(record: Record, bands: Bands) -> FloatArray:
-    """Return the transform of the torque less what the channel makes of the fixed one."""
+def response_of(record: Record, bands: Bands) -> FloatArray:
+    """Return the transform of the torque, in step with the motion, less the fixed one.
+
+    Of the fixed torque it is what the channel makes of it.
+    """
     torque, fixed = (np.where(record.valid, x, 0.0) for x in (record.torque_nm, record.fixed_nm))
+    if record.late_s != 0.0:
+        present = np.flatnonzero(record.valid)
+        bridged = np.interp(np.arange(len(torque)), present, torque[present])
+        torque = shifted(bridged, -record.late_s / record.period_s)
     measured = bands.transform(torque[:, None], measured=True)[0]
     return np.asarray(measured - bands.transform(fixed[:, None])[0])
-
-
-def _channel(
-    record: Record, bands: Bands, floor: float, corners: Sequence[float]
-) -> LowPass | None:
-    """Return the low-pass that a torque channel most likely has; None for none.
-
-    Motion is explained by dry and viscous friction and an inertia, so that its own spectrum is not
-    taken for the channel's.
-    """
-    motion = record.motion
-    speed = np.where(record.valid, motion.velocity_rad_s, 0.0)
-    largest = max(float(np.abs(speed).max()), 1e-12)
-    acceleration = np.where(record.valid, motion.acceleration_rad_s2, 0.0)
-    slow = np.column_stack([speed, np.tanh(_SHARP * speed / largest), acceleration])
-
-    def value(low_pass: LowPass | None) -> float:
-        fit = Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, ())
-        fit.add(SLOW, None, slow)
-        fit.settle(5)
-        return fit.likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
-
-    none = value(None)
-    tried = [LowPass(min(c, _HIGHEST), order, causal) for c in corners for order, causal in _KINDS]
-    best = max((value(one), place) for place, one in enumerate(tried))
-    likelihood, found = best[0], tried[best[1]]
-    if record.load != 0.0:
-        other = replace(found, load=True)
-        likelihood, found = max((likelihood, found), (value(other), other), key=lambda x: x[0])
-    for ratio in _FINER:
-        for factor in (ratio, 1.0 / ratio):
-            other = replace(found, corner=min(factor * found.corner, _HIGHEST))
-            gained = value(other)
-            if gained > likelihood:
-                likelihood, found = gained, other
-                break
-    return found if likelihood > none else None
 
 
 def scaled_rows(bands: Bands, columns: FloatArray) -> tuple[FloatArray, FloatArray]:

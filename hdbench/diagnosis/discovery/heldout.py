@@ -152,7 +152,7 @@ def hold_out(fit: Fit) -> HeldOut:
     grams = np.zeros((_FOLDS, len(rows) + 1, len(rows) + 1))
     for one, at in zip(glances(fit), coefficients_of(fit), strict=True):
         bands, n = one.bands, len(one.record)
-        whiten = np.sqrt(bands.spread(1.0 / one.spectrum.power))
+        whiten = np.sqrt(bands.spread(1.0 / one.noise))
         plain = np.empty((len(rows) + 1, n), dtype=np.float32)
         white = np.empty_like(plain)
         buffer = np.zeros(bands.length)

@@ -14,7 +14,7 @@ from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Look
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import Record
-from hdbench.diagnosis.discovery.stack import glances, piece_fit, records_of
+from hdbench.diagnosis.discovery.stack import Glance, glances, piece_fit, records_of
 from hdbench.diagnosis.discovery.tables import TABLE
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.discovery.transform import PhaseTransform, plan_transform
@@ -37,8 +37,9 @@ _OUTPUT_ORDERS = 20.0
 _PEAKS, _LEAST_PEAK = 5, 8.0
 # cells on each side by which the noise around a line is judged: a hump, and what is around it
 _AROUND = ((1, 5), (3, 24))
-# points at which the information on a line is formed; it changes slowly along the axis
-_NORM_POINTS = 2000
+# points at which the information on a line is formed, which changes slowly along the axis, and
+# rates of turning that are told apart for it
+_NORM_POINTS, _RATES = 2000, 48
 # a line takes this share of its information from other frequencies: record and speed are not even
 _LEAKS = 1e-4
 # places at which the norm of a step is formed; between them it is interpolated
@@ -226,39 +227,39 @@ def _sums(
         zip(glances(fit, residual), scan.parts or (scan,), strict=True)
     ):
         bands = one.bands
-        weighted = bands.inverse(one.residual * bands.spread(1.0 / one.spectrum.power))
+        weighted = bands.inverse(one.residual * bands.spread(1.0 / one.noise))
         weighted = np.where(one.record.valid, weighted, 0.0)
         transform = scan.whole[at] if whole else part.transform
-        norm = line_norm(one, part, np.ones(len(weighted)))
+        norm = line_norms(one, part, np.ones((1, len(weighted))))[0]
         sums.append(transform(weighted))
         norms.append(np.interp(transform.grid, part.transform.grid, norm) if whole else norm)
     return sums, norms
 
 
-def line_norm(fit: Fit, scan: Scan, share: FloatArray) -> FloatArray:
-    """Return the information on a line at each point of a scan, samples weighed by their share.
+def line_norms(glance: Glance, scan: Scan, shares: FloatArray) -> FloatArray:
+    """Return the information on a line at each point of a scan, samples weighed by their shares.
 
     A line stands at its rate times the order in each sample; above half the sampling rate it is
-    folded back.
+    folded back. `shares` has a row for each weighing, shape (m, n_samples), and so has the result.
     """
-    bands = fit.bands
-    places = np.arange(bands.size) / (2.0 * bands.length * fit.record.period_s)
-    seen = bands.spread(1.0 / fit.spectrum.power) * bands.passed**2
+    bands, period = glance.bands, glance.record.period_s
+    places = np.arange(bands.size) / (2.0 * bands.length * period)
+    seen = bands.spread(1.0 / glance.noise) * bands.passed**2
     # the noise is even in samples, whatever their stamps say
-    rate = np.abs(np.gradient(scan.phase_rad)) / (2.0 * np.pi * fit.record.period_s)
-    used = fit.record.valid
-    count, edges = np.histogram(rate[used], 48, weights=(share * bands.fade**2)[used])
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    nyquist = 0.5 / fit.record.period_s
+    rate = np.abs(np.gradient(scan.phase_rad)) / (2.0 * np.pi * period)
+    used = glance.record.valid
+    edges = np.histogram_bin_edges(rate[used], _RATES)
+    place = np.clip(np.searchsorted(edges, rate[used], side="right") - 1, 0, _RATES - 1)
+    fade = bands.fade[used] ** 2
+    counts = [np.bincount(place, share[used] * fade, _RATES) for share in shares]
+    nyquist = 0.5 / period
     grid = scan.transform.grid
     few = grid[:: max(1, len(grid) // _NORM_POINTS)]
-    norm = np.zeros(len(few))
-    for part, speed in zip(count, middle, strict=True):
-        if part > 0.0:
-            f = np.abs(few * speed)
-            folded = np.abs((f + nyquist) % (2.0 * nyquist) - nyquist)
-            norm += 0.5 * part * np.interp(folded, places, seen, right=0.0)
-    return np.interp(grid, few, np.maximum(norm, max(_LEAKS * norm.max(), 1e-300)))
+    at = np.outer(0.5 * (edges[1:] + edges[:-1]), few)
+    folded = np.abs((at + nyquist) % (2.0 * nyquist) - nyquist)
+    norms = 0.5 * np.array(counts) @ np.interp(folded, places, seen, right=0.0)
+    least = np.maximum(_LEAKS * norms.max(axis=1), 1e-300)
+    return np.array([np.interp(grid, few, np.maximum(n, m)) for n, m in zip(norms, least)])  # noqa: B905
 
 
 def scan_looks(fit: Fit, scans: tuple[Scan, ...], causes: Mapping[str, Cause]) -> list[Look]:

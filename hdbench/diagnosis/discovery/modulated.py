@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Look
 from hdbench.diagnosis.discovery.fit import Fit
-from hdbench.diagnosis.discovery.lines import Scan, line_norm
+from hdbench.diagnosis.discovery.lines import Scan, line_norms
+from hdbench.diagnosis.discovery.stack import glances
 from hdbench.diagnosis.discovery.tables import TABLE, Axis, Table, axes_of
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.evidence import SAME_SPACE, scaled
@@ -29,7 +30,8 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
     scan = next((s for s in scans if s.domain == "motor-order"), None)
     if scan is None or scan.parts:
         return []
-    weighted = fit.bands.inverse(fit.residual * fit.bands.spread(1.0 / fit.spectrum.power))
+    (glance,) = glances(fit)
+    weighted = fit.bands.inverse(glance.residual * fit.bands.spread(1.0 / glance.noise))
     weighted = np.where(fit.record.valid, weighted, 0.0)
     axes = axes_of(fit.record)
     found = []
@@ -37,11 +39,15 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
         count = _TURN_KNOTS if axis.period else _KNOTS
         hats = axis.hats(count)
         waves = np.stack([scan.transform(weighted * hat) for hat in hats.T])
-        tried = [_strongest(fit, scan, hats @ mix, mix.T @ waves) for mix in axis.levels(count)]
-        value, dof, at = max(
-            (*tried, _strongest(fit, scan, hats, waves)),
-            key=lambda found: found[0] - 4.0 * found[1],
-        )
+        mixes = [*axis.levels(count), np.eye(hats.shape[1])]
+        envelopes = [hats @ mix for mix in mixes]
+        norms = line_norms(glance, scan, np.hstack(envelopes).T ** 2)
+        ends = np.cumsum([mix.shape[1] for mix in mixes])[:-1]
+        tried = [
+            _strongest(hat, norm, mix.T @ waves)
+            for hat, norm, mix in zip(envelopes, np.split(norms, ends), mixes, strict=True)
+        ]
+        value, dof, at = max(tried, key=lambda found: found[0] - 4.0 * found[1])
         places = max(2.0, scan.density)
         chance = min(1.0, (chi2_tail(value, dof)) * places * len(axes) * max(1.0, value / dof))
         order = float(scan.transform.grid[at])
@@ -57,10 +63,9 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
 
 
 def _strongest(
-    fit: Fit, scan: Scan, hats: FloatArray, waves: NDArray[np.complexfloating]
+    hats: FloatArray, norms: FloatArray, waves: NDArray[np.complexfloating]
 ) -> tuple[float, int, int]:
     """Return what envelopes explain at the best order, their directions, and its place."""
-    norms = np.stack([line_norm(fit, scan, hat**2) for hat in hats.T])
     unit = scaled(hats)[0]
     value, vector = np.linalg.eigh(unit.T @ unit)
     kept = value > SAME_SPACE * value[-1]

@@ -60,6 +60,10 @@ class Record:
         Low-pass of the torque channel; None for none.
     channel_known : bool
         Whether `low_pass` was found already.
+    late_s : float
+        Time by which the torque was read after the motion, s.
+    late_known : bool
+        Whether the model that was handed in already held it.
     records : tuple of Record
         Records of which this one is a stack; empty for one alone.
     referenced : bool
@@ -78,6 +82,8 @@ class Record:
     motion_passed: float = 1.0
     low_pass: LowPass | None = None
     channel_known: bool = False
+    late_s: float = 0.0
+    late_known: bool = False
     records: tuple[Record, ...] = ()
     referenced: bool = False
 

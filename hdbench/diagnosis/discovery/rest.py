@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdbench.diagnosis.discovery.bands import shifted
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.records.trace import FloatArray
@@ -69,7 +70,7 @@ def whitened_nm(fit: Fit) -> FloatArray:
     buffer = np.zeros(bands.length)
     buffer[: bands.size] = fit.residual * np.sqrt(bands.spread(1.0 / fit.spectrum.power))
     white = np.asarray(idct(buffer, norm="ortho"))[: len(fit.record)]
-    return np.where(fit.record.valid, white, 0.0)
+    return np.where(fit.record.valid, shifted(white, fit.late), 0.0)
 
 
 def residual_nm(fit: Fit) -> FloatArray:
@@ -79,7 +80,7 @@ def residual_nm(fit: Fit) -> FloatArray:
     buffer = np.zeros(fit.bands.length)
     buffer[: fit.bands.size] = fit.residual
     left = np.asarray(idct(buffer, norm="ortho"))[: len(fit.record)]
-    return np.where(fit.record.valid, left, 0.0)
+    return np.where(fit.record.valid, shifted(left, fit.late), 0.0)
 
 
 def falling_noise(fit: Fit) -> tuple[FloatArray, float]:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hdbench.diagnosis.discovery.chance import chi2_tail
+from hdbench.diagnosis.discovery.channel import DELAY, LOW_PASS_PRICE, best_delay, start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, explained, make_dictionary
-from hdbench.diagnosis.discovery.fit import LOW_PASS_PRICE, Beside, Fit, Part
+from hdbench.diagnosis.discovery.fit import Beside, Fit, Part
 from hdbench.diagnosis.discovery.form import (
     STRONG,
     FormMove,
@@ -360,6 +361,27 @@ class Search:
         fit.settle(4, anew=True)
         self.prune(_IN_SLOW_NATS, 0)
         return True
+
+    def accept_delay(self, evidence: float) -> bool:
+        """Accept a delay of the torque where it says more than anything else; return whether."""
+        if self.fit.record.late_s != 0.0 or DELAY not in self.catalogue:
+            return False
+        found = best_delay(self.fit)
+        chance = found.false_alarm * self.names.all_trials
+        if found.evidence_nats < max(evidence, _LEAST_NATS) or chance > self.alpha * SHARES["name"]:
+            return False
+        self.fit = found.fit
+        self.fit.settle(2)
+        self.log.append(f"delay {self.fit.record.late_s:.3g} s E={found.evidence_nats:.0f}")
+        return True
+
+    def retime(self) -> None:
+        """Let a delay of the torque follow what was found; none where it is not needed now."""
+        if self.fit.record.late_s == 0.0:
+            return
+        found = best_delay(self.fit)
+        needed = self.fit.record.late_known or found.evidence_nats > _LEAST_NATS
+        self.fit = found.fit if needed else self.fit.retimed(0.0, 3)
 
     def accept(self, entry: tuple[Candidate, ...]) -> None:
         """Add candidates to the fit and settle."""
@@ -748,8 +770,8 @@ def search(
 ) -> Search:
     """Return what a record holds beyond its baseline and the known causes."""
     report = progress or (lambda what, share: None)
-    fit = Fit.start(record, known)
-    plain = [] if fit.record.low_pass is None else [Fit.start(record.behind(None), known)]
+    fit = start_fit(record, known)
+    plain = [] if fit.record.low_pass is None else [start_fit(record.behind(None), known)]
     state = search_from(fit, plain, causes, known, alpha, rng, report, least_share)
     if isinstance(state, Search):
         return state
@@ -767,6 +789,8 @@ def search(
 def _as_good(fit: Fit, other: Fit) -> bool:
     """Return whether a fit with the causes of another one needs no low-pass."""
     fit = joined(fit, [other.term(part) for part in other.causes()])
+    # a filter that runs once delays the torque, too
+    fit = best_delay(fit).fit
     scales = {part.name: part.form_scale for part in other.parts}
     for part in fit.parts:
         part.form_scale = scales.get(part.name, 0.0)
@@ -802,6 +826,7 @@ def search_from(
         name: cause
         for name, cause in causes.items()
         if cause.additive
+        and name != DELAY
         and cause.applicable(record.motion) is None
         and (name not in held or is_line(cause) or name == "zero-step")
     }
@@ -818,10 +843,12 @@ def search_from(
     small = 0
     for count in range(_MOST_ROUNDS):
         report("searching", 0.35 + 0.5 * (1.0 - 0.8**count))
+        fit = state.fit
         found = state.round()
         form = best_form_move(fit)
         evidence = sum(c.evidence_nats for c in found)
-        if state.accept_slow(max(evidence, form.gain_nats if form else 0.0)):
+        most = max(evidence, form.gain_nats if form else 0.0)
+        if state.accept_slow(most) or state.accept_delay(most):
             continue
         least = max(_turn(found), _LEAST_NATS)
         if form is not None and form.gain_nats > least:
@@ -841,9 +868,10 @@ def search_from(
                 break
         elif not state.exchange_for_table():
             break
-        fit = state.fit
         state.reshape_all()
         state.straighten()
+        state.retime()
+        fit = state.fit
         attach_forms(fit)
         state.prune()
         for one in plain:

@@ -362,23 +362,8 @@ def stack_fits(fits: Sequence[Fit]) -> Fit:
         np.concatenate([fit.spectrum.power for fit in fits]),
         np.concatenate([fit.spectrum.amounts for fit in fits]),
     )
-    empty = np.zeros(0)
-    stack = Fit(
-        record,
-        bands,
-        shapes,
-        measured,
-        [],
-        np.zeros((0, bands.size)),
-        np.zeros(0, dtype=np.int64),
-        np.zeros(0, dtype=bool),
-        empty,
-        np.zeros((len(bands), 0, 0)),
-        empty,
-        measured.copy(),
-        spectrum,
-        np.concatenate([fit.fixed for fit in fits]),
-    )
+    fixed = np.concatenate([fit.fixed for fit in fits])
+    stack = Fit.empty(record, bands, shapes, measured, spectrum, fixed)
     stems = [name.rpartition(":")[0] for name in names]
     for stem in dict.fromkeys(stems):
         places = [i for i, one in enumerate(stems) if one == stem]
@@ -387,20 +372,24 @@ def stack_fits(fits: Sequence[Fit]) -> Fit:
     return stack
 
 
-def glances(fit: Fit, residual: FloatArray | None = None) -> list[Fit]:
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """What a fit leaves of one record, in its own noise."""
+
+    record: Record
+    bands: Bands
+    residual: FloatArray
+    noise: FloatArray
+
+
+def glances(fit: Fit, residual: FloatArray | None = None) -> list[Glance]:
     """Return the residual of each record in its own noise, without what is explained."""
     left = fit.residual if residual is None else residual
-    bands = fit.bands
+    bands, noise = fit.bands, fit.spectrum.power
     if not isinstance(bands, StackedBands):
-        return [replace(fit, residual=left)]
+        return [Glance(fit.record, bands, left, noise)]
     return [
-        replace(
-            fit,
-            record=record,
-            bands=own,
-            residual=left[at],
-            spectrum=Spectrum(fit.spectrum.power[band], fit.spectrum.amounts),
-        )
+        Glance(record, own, left[at], noise[band])
         for record, own, (at, band) in zip(
             records_of(fit.record), bands.parts, bands.slices(), strict=True
         )
@@ -457,8 +446,9 @@ def piece_fit(fit: Fit, number: int) -> tuple[Fit, list[int]]:
             fit.form[rows],
             fit.variance[rows],
             np.ascontiguousarray(fit.gram[band][:, rows][:, :, rows]),
+            fit.against[band][:, rows],
+            fit.power[band],
             fit.coefficients[rows],
-            fit.residual[at],
             spectrum,
             fit.fixed[band],
             fit.likelihood,

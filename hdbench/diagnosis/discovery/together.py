@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.chance import chi2_tail
+from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.form import USUAL
@@ -35,6 +36,7 @@ from hdbench.diagnosis.discovery.told import (
     Told,
     cause_of,
     covariances,
+    late_of,
     mean_square,
     place_of,
     rest_places,
@@ -70,14 +72,14 @@ def search_together(
     least_share: float,
 ) -> Search:
     """Return what several records of one drive hold beyond the baseline of each."""
-    fits = [Fit.start(record) for record in records]
+    fits = [start_fit(record) for record in records]
     fit = stack_fits(fits)
     every = (*causes.values(), TONE_LINE, OUTPUT_LINE)
     stacked = stacked_causes(every, len(records), referenced=fit.record.referenced)
     held = tuple(Term(stacked[term.name], term.shape, known=True) for term in known)
     low = [at for at, one in enumerate(fits) if one.record.low_pass is not None]
     plain = [
-        stack_fits([*fits[:at], Fit.start(records[at].behind(None)), *fits[at + 1 :]]) for at in low
+        stack_fits([*fits[:at], start_fit(records[at].behind(None)), *fits[at + 1 :]]) for at in low
     ]
     for one in (fit, *plain):
         for term in held:
@@ -393,13 +395,13 @@ def tell_together(
         square = mean_square(one.fit, {i for i, place in enumerate(origin) if place in base})
         found = rest_places(one, square, noise_variances[number])
         found = [replace(place, record=names[number]) for place in found]
-        walk = walk_of(one, square)
+        special = [x for x in (walk_of(one, square), late_of(one, rng)) if x is not None]
         every = [_term_of(fit, place, number, matrices[place]) for place in origin if place in kept]
         own_terms = [own for own in every if own is not None]
-        if walk is not None:
-            voice = Voice(names[number], walk[0].evidence_nats, walk[0].gain, {}, False)
-            causes.append(walk[0].heard([voice]))
-            own_terms.append(walk[1])
+        for cause, own_term in special:
+            voice = Voice(names[number], cause.evidence_nats, cause.gain, {}, False)
+            causes.append(cause.heard([voice]))
+            own_terms.append(own_term)
         places += found
         told = Told(one.fit, [], found, each_before[number], each_after[number], own_terms)
         records.append((one, told))

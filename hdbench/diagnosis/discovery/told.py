@@ -9,6 +9,7 @@ import numpy as np
 
 from hdbench.diagnosis.answer.result import Spectrum
 from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
+from hdbench.diagnosis.discovery.channel import DELAY, best_delay
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.form import USUAL, formed_share, usual_scale
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
@@ -97,15 +98,16 @@ def tell(
     held = hold_out(fit)
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
-    before, after = held.predict(base), held.predict(everything)
+    early = in_time(fit)
+    before, after = hold_out(early).predict(base), held.predict(everything)
     # a table could take in what a name explains: names are held against each other without it
     names = everything - set(fit.tables())
     with_names = held.predict(names)
-    variance = mean_square(fit, base)
+    variance = mean_square(early, base)
     matrices = covariances(fit)
     causes: list[NamedCause] = []
     places: list[Unexplained] = []
-    terms: list[CauseTerm] = []
+    terms: list[CauseTerm] = [late_term(fit)] if fit.record.late_known else []
     shares = shares_of(fit, base, variance)
     for index, part in enumerate(fit.parts):
         term = part.term
@@ -132,10 +134,10 @@ def tell(
         gain = gain_between(without, with_names, rng)
         causes.append(cause_of(one, terms[-1], model, gain, shares[index], chance))
         places += form_places(search, index, variance)
-    walk = walk_of(search, variance)
-    if walk is not None:
-        causes.append(walk[0])
-        terms.append(walk[1])
+    for special in (walk_of(search, variance), late_of(search, rng)):
+        if special is not None:
+            causes.append(special[0])
+            terms.append(special[1])
     places += rest_places(search, variance, noise_variance)
     return Told(fit, causes, places, before, after, terms)
 
@@ -200,6 +202,46 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
         domain="time",
     )
     return told, CauseTerm(cause.name, shape, ())
+
+
+def in_time(fit: Fit) -> Fit:
+    """Return the fit without a delay of the torque that was found."""
+    found = fit.record.late_s != 0.0 and not fit.record.late_known
+    return fit.retimed(0.0, 4) if found else fit
+
+
+def late_term(fit: Fit) -> CauseTerm:
+    """Return the delay of the torque as the model file writes it."""
+    late = fit.record.late_s
+    return CauseTerm(DELAY, {"delay_s": late}, (late,))
+
+
+def late_of(search: Search, rng: np.random.Generator) -> tuple[NamedCause, CauseTerm] | None:
+    """Return the delay of the torque channel; None without one, or where the model had it."""
+    fit, early = search.fit, in_time(search.fit)
+    if early is fit:
+        return None
+    found = best_delay(fit)
+    term, everything = late_term(fit), set(range(len(fit.parts)))
+    gain = gain_between(hold_out(early).predict(everything), hold_out(fit).predict(everything), rng)
+    first = everything - set(fit.causes())
+    share = 1.0 - mean_square(fit, everything) / mean_square(early, everything)
+    share *= mean_square(early, everything) / mean_square(early, first)
+    late = fit.record.late_s
+    told = NamedCause(
+        name=term.name,
+        group=(term.name,),
+        parameters={
+            "skew_s": ParameterValue(late, found.std_s, "s"),
+            "delay_s": ParameterValue(late, None, "s"),
+        },
+        evidence_nats=found.evidence_nats,
+        false_alarm_probability=min(1.0, found.false_alarm * search.names.all_trials),
+        gain=gain,
+        share_of_variance=float(np.clip(share, 0.0, 1.0)),
+        domain="time",
+    )
+    return told, term
 
 
 def _likelihood(shapes: Shapes, power: FloatArray, counts: FloatArray) -> tuple[float, FloatArray]:

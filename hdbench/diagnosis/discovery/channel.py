@@ -1,0 +1,188 @@
+"""Channel of the torque: the low-pass that it went through, and how late it was read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
+from hdbench.diagnosis.discovery.chance import chi2_tail
+from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
+from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.term import Term
+
+# no torque is known better than to this share of its scatter
+_FLOOR = 1e-3
+# below this share of its scatter a torque that was filtered before it was stored holds nothing but
+# the tail of the filter, which no model follows
+_FILTERED_FLOOR = 2e-2
+# a band with less than this many times the floor is empty
+_EMPTY = 10.0
+# corners of a low-pass that is tried where the torque has no power above some 0.3 of Nyquist,
+# relative to the last frequency with power
+_NARROW = 0.3
+_CORNERS = (0.3, 0.45, 0.6, 0.8, 1.1, 1.5)
+# noise that falls below this share between this part of the band and its end may be low-passed
+# too; in a record of less than so many samples that costs little to try
+_FALLS, _FLAT, _SHORT = 0.3, 0.15, 40_000
+# corners that are tried then, relative to Nyquist, the highest, and ratios about the best
+_WIDE_CORNERS = (0.015, 0.04, 0.1, 0.2, 0.4, 0.75)
+_HIGHEST, _FINER = 0.95, (1.4, 1.2, 1.1, 1.05, 1.02)
+# order of a low-pass, and whether it has a delay
+_KINDS = ((2, False), (2, True), (4, False))
+# dry friction turns over within a hundredth of the largest speed
+_SHARP = 100.0
+# a low-pass is one of eighteen that are tried, and is seldom: 60 to 1
+LOW_PASS_PRICE = 7.0
+DELAY = "time-skew"
+# two channels of one log are seldom further apart than this, s; within it, delays from which the
+# likelihood is followed: the first ripple that a delay turns by a whole turn is farther away
+_LARGEST_S, _STARTS_S = 0.02, (-0.01, -0.003, 0.003, 0.01)
+# a delay is followed where this much could be gained, and until less than a tenth of it is left
+_WORTH_NATS = 2.0
+
+
+def start_fit(record: Record, known: Iterable[Term] = ()) -> Fit:
+    """Return the fit of the baseline and the causes that the model already holds."""
+    bands = make_bands(record.valid, record.period_s)
+    measured = response_of(record, bands)
+    floor = (_FLOOR * float(np.std(record.response_nm[record.valid])) + 1e-12) ** 2
+    power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
+    top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
+    last = bands.frequency_hz[top] / bands.frequency_hz[-1]
+    corners: Sequence[float] = _WIDE_CORNERS
+    if last < _NARROW:
+        floor *= (_FILTERED_FLOOR / _FLOOR) ** 2
+        top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
+        corners = [share * bands.frequency_hz[top] / bands.frequency_hz[-1] for share in _CORNERS]
+        share = bands.edges[top + 1] / bands.length
+        bands = make_bands(record.valid, record.period_s, float(share))
+    fit = Fit.begun(record, bands.low_passed(record.low_pass), floor, known)
+    if record.channel_known or (corners is _WIDE_CORNERS and _is_open(fit)):
+        return fit
+    low_pass = _channel(record, bands, floor, corners)
+    if low_pass is None:
+        return fit
+    return Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, known)
+
+
+def _is_open(fit: Fit) -> bool:
+    """Return whether the noise of a long record goes on to the end of the band."""
+    bands = fit.bands
+    left = bands.power(fit.residual) / np.maximum(bands.counts, 1e-9)
+    share = bands.frequency_hz / bands.frequency_hz[-1]
+    last = np.median(left[share > 1.0 - _FLAT])
+    return bool(len(fit.record) > _SHORT and last > _FALLS * left[np.searchsorted(share, _FLAT)])
+
+
+def _channel(
+    record: Record, bands: Bands, floor: float, corners: Sequence[float]
+) -> LowPass | None:
+    """Return the low-pass that a torque channel most likely has; None for none.
+
+    Motion is explained by dry and viscous friction and an inertia, so that its own spectrum is not
+    taken for the channel's.
+    """
+    motion = record.motion
+    speed = np.where(record.valid, motion.velocity_rad_s, 0.0)
+    largest = max(float(np.abs(speed).max()), 1e-12)
+    acceleration = np.where(record.valid, motion.acceleration_rad_s2, 0.0)
+    slow = np.column_stack([speed, np.tanh(_SHARP * speed / largest), acceleration])
+
+    def fitted(low_pass: LowPass | None) -> Fit:
+        fit = Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, ())
+        fit.add(SLOW, None, slow)
+        fit.settle(5)
+        return fit
+
+    def value(low_pass: LowPass | None) -> float:
+        return fitted(low_pass).likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
+
+    plain = fitted(None)
+    none = plain.likelihood
+    tried = [LowPass(min(c, _HIGHEST), order, causal) for c in corners for order, causal in _KINDS]
+    best = max((value(one), place) for place, one in enumerate(tried))
+    likelihood, found = best[0], tried[best[1]]
+    if record.load != 0.0:
+        other = replace(found, load=True)
+        likelihood, found = max((likelihood, found), (value(other), other), key=lambda x: x[0])
+    for ratio in _FINER:
+        for factor in (ratio, 1.0 / ratio):
+            other = replace(found, corner=min(factor * found.corner, _HIGHEST))
+            gained = value(other)
+            if gained > likelihood:
+                likelihood, found = gained, other
+                break
+    if found.causal:
+        # a filter that runs once delays the torque, which a later reading does too
+        none += max(best_delay(plain).evidence_nats, 0.0)
+    return found if likelihood > none else None
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """The likeliest delay of the torque channel.
+
+    Parameters
+    ----------
+    fit : Fit
+        The fit at that delay.
+    gain_nats : float
+        Log likelihood that it gains over none.
+    std_s : float
+        Standard deviation of the delay, s.
+    """
+
+    fit: Fit
+    gain_nats: float
+    std_s: float
+
+    @property
+    def evidence_nats(self) -> float:
+        """Gain less what one delay of all that may be costs, nats."""
+        return self.gain_nats - float(np.log(max(self.trials, 1.0)))
+
+    @property
+    def trials(self) -> float:
+        """Delays that can be told apart."""
+        return 2.0 * _LARGEST_S / (np.sqrt(2.0 * np.pi) * self.std_s)
+
+    @property
+    def false_alarm(self) -> float:
+        """Probability of such a gain where there is no delay."""
+        return min(1.0, chi2_tail(2.0 * max(self.gain_nats, 0.0), 1) * max(self.trials, 1.0))
+
+
+def best_delay(fit: Fit) -> Delay:
+    """Return the likeliest delay, the causes of a fit as they are."""
+    from scipy.optimize import minimize_scalar
+
+    known: dict[float, Fit] = {}
+
+    def loss(late_s: float) -> float:
+        at = float(np.clip(late_s, -_LARGEST_S, _LARGEST_S))
+        if at not in known:
+            known[at] = fit.retimed(at)
+        return -known[at].likelihood
+
+    here, step = fit.record.late_s, 0.5 * fit.record.period_s
+    every = [0.0, here, *_STARTS_S]
+    best = min(every, key=loss)
+    slope, curve = _parabola(loss, best, step)
+    if best != here or 0.5 * slope**2 > _WORTH_NATS * max(curve, 0.0):
+        found = minimize_scalar(
+            loss, bracket=(best - step, best + step), tol=0.01, options={"maxiter": 12}
+        )
+        best = min((*every, float(found.x)), key=loss)
+        slope, curve = _parabola(loss, best, step)
+    best = float(np.clip(best, -_LARGEST_S, _LARGEST_S))
+    std = 1.0 / np.sqrt(max(curve, 1.0 / _LARGEST_S**2))
+    return Delay(known[best], known[best].likelihood - known[0.0].likelihood, float(std))
+
+
+def _parabola(loss, at: float, step: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+    """Return slope and curvature of a function about a place."""
+    low, middle, high = loss(at - step), loss(at), loss(at + step)
+    return (high - low) / (2.0 * step), (high + low - 2.0 * middle) / step**2
