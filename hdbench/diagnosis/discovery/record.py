@@ -13,12 +13,17 @@ from hdbench.diagnosis.evidence import GAP
 from hdbench.estimation.bandwidth import spectrum_of
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.bench import expected_torque_nm
-from hdbench.model.motion import torque_from_trace
+from hdbench.model.motion import ACCELERATION_WINDOW_S, torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
 # name of the columns of a ripple whose lines were sampled too seldom to be followed
 SAMPLED = "sampled-ripple"
+# name of the columns of what an acceleration holds beyond its window, in octaves
+FAST = "fast-acceleration"
+_OCTAVES = 5
+# shortest window of an acceleration, sampling periods
+_LEAST_PERIODS = 4.0
 # lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
 # and those between and above have an amplitude of their own, if this share of the turns is there
 _PLAIN_BELOW, _FEW = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2), 0.01
@@ -160,6 +165,11 @@ def prepare_record(
     period = float(np.median(steps))
     names, columns = _sampled_lines(motion, period, names, columns)
     prior = np.full(len(names), np.inf)
+    if "expected-torque" not in change.without and motion.inertia_nm_s2 > 0.0:
+        fast = motion.inertia_nm_s2 * _fast_acceleration(motion, period)
+        columns = np.column_stack([columns, fast])
+        names = (*names, *(f"{FAST}:{k}" for k in range(fast.shape[1])))
+        prior = np.append(prior, np.ones(fast.shape[1]))
     if not whole_turn and "misalignment" not in change.without:
         amplitude, phase = model.misalignment
         fixed = fixed + amplitude * np.cos(motion.output_angle_rad + phase)
@@ -244,6 +254,39 @@ def as_followed(record: Record) -> Record:
     new = replace(motion, acceleration_rad_s2=acceleration)
     change = expected_torque_nm(new, motion.inertia_nm_s2) - expected
     return replace(record, motion=new, fixed_nm=record.fixed_nm + change)
+
+
+def _fast_acceleration(motion: Motion, period_s: float) -> FloatArray:
+    """Return what the measured motion holds of the acceleration beyond the window it is formed in.
+
+    By octaves from half of one over the window on, rad/s^2: how much of each is motion and how
+    much is noise of the channel, the torque says.
+    """
+    from scipy.fft import next_fast_len
+
+    n = len(motion)
+    by_angle = motion.acceleration_source == "angle"
+    values = motion.angle_rad if by_angle else motion.velocity_rad_s
+    both = np.column_stack([values, motion.acceleration_rad_s2])
+    known = np.isfinite(both).all(axis=1)
+    at = np.flatnonzero(known)
+    # less a straight line, so that the mirrored ends meet without a bend
+    held = np.column_stack([np.interp(np.arange(n), at, one[at]) for one in both.T])
+    held[:, 0] -= np.linspace(held[0, 0], held[-1, 0], n)
+    size = int(next_fast_len(n, real=True))
+    padded = np.pad(held, ((0, size - n), (0, 0)), mode="edge")
+    lines = np.fft.rfft(np.concatenate([padded, padded[::-1]]), axis=0)
+    hertz = np.arange(len(lines)) / (2.0 * size * period_s)
+    turn = 2j * np.pi * hertz
+    left = lines[:, 0] * (turn**2 if by_angle else turn) - lines[:, 1]
+    window_s = max(ACCELERATION_WINDOW_S, _LEAST_PERIODS * period_s)
+    low = 0.5 / window_s * 2.0 ** np.arange(_OCTAVES)
+    pieces = [
+        np.fft.irfft(np.where((hertz >= a) & (hertz < b), left, 0.0), 2 * size)[:n]
+        for a, b in zip(low, [*low[1:], np.inf], strict=True)
+        if a < hertz[-1]
+    ]
+    return np.where(known[:, None], np.column_stack(pieces), 0.0)
 
 
 def smoothed(columns: FloatArray, share: float) -> FloatArray:

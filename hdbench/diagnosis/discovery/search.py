@@ -74,6 +74,8 @@ _PLAIN_NATS = 20.0
 SLOW_PRICE = 4.0
 # a name that was dropped this often beside others is not tried again
 _AGAIN = 2
+# what a second name costs that comes with another one: it is one of some fifty
+SECOND_PRICE = 4.0
 # changes of form errors in a row
 _FORM_MOVES = 12
 # entries of a round that are fitted with their form errors
@@ -662,7 +664,7 @@ def pair_of(
     parameters = (*one.term.cause.linear, *other.term.cause.linear)
     if not all(p.contains(float(x)) for p, x in zip(parameters, joint.linear, strict=True)):
         gain = 0.0
-    evidence = log_evidence(2.0 * max(gain, 0.0), len(rows))
+    evidence = log_evidence(2.0 * max(gain, 0.0), len(rows)) - SECOND_PRICE
     evidence -= price(beside, fit.record, one) + price(beside, fit.record, other)
     return (
         replace(one, evidence_nats=evidence, gain_nats=gain),

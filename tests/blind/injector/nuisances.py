@@ -85,7 +85,8 @@ def disturbed(scene, nuisances, torque):
         def answer(values):
             return -lfilter(over, under, np.interp(fine_time, path.time, values - values[0]))
 
-        moving = np.clip(np.abs(path.fine_speed) - 1.0, 0.0, 1.0)
+        # a loop takes hold over some speed: what switches within a millisecond is a blow
+        moving = np.clip((np.abs(path.fine_speed) - 1.0) / 20.0, 0.0, 1.0)
         unit = float(np.sqrt(np.mean((moving * answer(scene.clean - path.load)) ** 2)))
         speed = path.fine_speed + drawn["rms_rad_s"] / unit * moving * answer(torque - path.load)
         path = _turned(path, speed)
