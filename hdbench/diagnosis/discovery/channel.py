@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.term import Term
+from hdbench.records.trace import FloatArray
 
 # no torque is known better than to this share of its scatter
 _FLOOR = 1e-3
@@ -21,15 +23,15 @@ _FILTERED_FLOOR = 2e-2
 # a band with less than this many times the floor is empty
 _EMPTY = 10.0
 # corners of a low-pass that is tried where the torque has no power above some 0.3 of Nyquist,
-# relative to the last frequency with power
+# relative to the last frequency with power: what passes an older one is not seen far beyond it
 _NARROW = 0.3
-_CORNERS = (0.3, 0.45, 0.6, 0.8, 1.1, 1.5)
+_CORNERS = np.geomspace(0.05, 1.5, 6)
 # noise that falls below this share between this part of the band and its end may be low-passed
 # too; in a record of less than so many samples that costs little to try
 _FALLS, _FLAT, _SHORT = 0.3, 0.15, 40_000
-# corners that are tried then, relative to Nyquist, the highest, and ratios about the best
-_WIDE_CORNERS = (0.015, 0.04, 0.1, 0.2, 0.4, 0.75)
-_HIGHEST, _FINER = 0.95, (1.4, 1.2, 1.1, 1.05, 1.02)
+# corners that are tried then, relative to Nyquist, the highest, and kinds that are tuned
+_WIDE_CORNERS = np.geomspace(0.01, 0.8, 7)
+_HIGHEST, _TUNED = 0.95, 2
 # order of a low-pass, and whether it has a delay
 _KINDS = ((2, False), (2, True), (4, False))
 # dry friction turns over within a hundredth of the largest speed
@@ -52,11 +54,11 @@ def start_fit(record: Record, known: Iterable[Term] = ()) -> Fit:
     power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
     top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
     last = bands.frequency_hz[top] / bands.frequency_hz[-1]
-    corners: Sequence[float] = _WIDE_CORNERS
+    corners = _WIDE_CORNERS
     if last < _NARROW:
         floor *= (_FILTERED_FLOOR / _FLOOR) ** 2
         top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
-        corners = [share * bands.frequency_hz[top] / bands.frequency_hz[-1] for share in _CORNERS]
+        corners = np.minimum(_CORNERS * bands.frequency_hz[top] / bands.frequency_hz[-1], _HIGHEST)
         share = bands.edges[top + 1] / bands.length
         bands = make_bands(record.valid, record.period_s, float(share))
     fit = Fit.begun(record, bands.low_passed(record.low_pass), floor, known)
@@ -77,9 +79,7 @@ def _is_open(fit: Fit) -> bool:
     return bool(len(fit.record) > _SHORT and last > _FALLS * left[np.searchsorted(share, _FLAT)])
 
 
-def _channel(
-    record: Record, bands: Bands, floor: float, corners: Sequence[float]
-) -> LowPass | None:
+def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) -> LowPass | None:
     """Return the low-pass that a torque channel most likely has; None for none.
 
     Motion is explained by dry and viscous friction and an inertia, so that its own spectrum is not
@@ -97,28 +97,43 @@ def _channel(
         fit.settle(5)
         return fit
 
-    def value(low_pass: LowPass | None) -> float:
-        return fitted(low_pass).likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
+    @cache
+    def value(low_pass: LowPass) -> float:
+        return fitted(low_pass).likelihood - LOW_PASS_PRICE
 
     plain = fitted(None)
+    loads = (False, True) if record.load != 0.0 else (False,)
+    tried = [LowPass(c, *kind, load) for kind in _KINDS for load in loads for c in corners]
+    ranked = sorted(tried, key=value, reverse=True)
+    step = float(corners[1] / corners[0])
+    best = max((_tuned(one, value, step) for one in _unlike(ranked)[:_TUNED]), key=value)
     none = plain.likelihood
-    tried = [LowPass(min(c, _HIGHEST), order, causal) for c in corners for order, causal in _KINDS]
-    best = max((value(one), place) for place, one in enumerate(tried))
-    likelihood, found = best[0], tried[best[1]]
-    if record.load != 0.0:
-        other = replace(found, load=True)
-        likelihood, found = max((likelihood, found), (value(other), other), key=lambda x: x[0])
-    for ratio in _FINER:
-        for factor in (ratio, 1.0 / ratio):
-            other = replace(found, corner=min(factor * found.corner, _HIGHEST))
-            gained = value(other)
-            if gained > likelihood:
-                likelihood, found = gained, other
-                break
-    if found.causal:
+    if best.causal:
         # a filter that runs once delays the torque, which a later reading does too
         none += max(best_delay(plain).evidence_nats, 0.0)
-    return found if likelihood > none else None
+    return best if value(best) > none else None
+
+
+def _unlike(ranked: Sequence[LowPass]) -> list[LowPass]:
+    """Return the first low-pass of each kind."""
+    found: dict[tuple[int, bool, bool], LowPass] = {}
+    for one in ranked:
+        found.setdefault((one.order, one.causal, one.load), one)
+    return list(found.values())
+
+
+def _tuned(start: LowPass, value: Callable[[LowPass], float], step: float) -> LowPass:
+    """Return a low-pass at its likeliest corner between those that were tried beside it."""
+    from scipy.optimize import minimize_scalar
+
+    def at(ratio: float) -> LowPass:
+        return replace(start, corner=float(min(start.corner * step**ratio, _HIGHEST)))
+
+    found = minimize_scalar(
+        lambda ratio: -value(at(ratio)), bounds=(-1.0, 1.0), method="bounded",
+        options={"xatol": 0.02},
+    )  # fmt: skip
+    return max((start, at(found.x)), key=value)
 
 
 @dataclass(frozen=True, slots=True)

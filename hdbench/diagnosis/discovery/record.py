@@ -22,6 +22,8 @@ SAMPLED = "sampled-ripple"
 # name of the columns of what an acceleration holds beyond its window, in octaves
 FAST = "fast-acceleration"
 _OCTAVES = 5
+# an inertia that is off by more is not the load's, nor is one that is less sure
+_OFF, _SURE = 0.5, 10.0
 # shortest window of an acceleration, sampling periods
 _LEAST_PERIODS = 4.0
 # lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
@@ -165,11 +167,16 @@ def prepare_record(
     period = float(np.median(steps))
     names, columns = _sampled_lines(motion, period, names, columns)
     prior = np.full(len(names), np.inf)
-    if "expected-torque" not in change.without and motion.inertia_nm_s2 > 0.0:
+    expected = expected_torque_nm(motion, motion.inertia_nm_s2)
+    usable = motion.valid & np.isfinite(torque - fixed) & ~masked
+    plain = "expected-torque" not in change.without
+    if plain and _is_followed(motion, (torque - fixed)[usable], expected, columns, usable):
+        # of each octave all is motion or nothing: half of it, give or take a half
         fast = motion.inertia_nm_s2 * _fast_acceleration(motion, period)
+        fixed = fixed + 0.5 * fast.sum(axis=1)
         columns = np.column_stack([columns, fast])
         names = (*names, *(f"{FAST}:{k}" for k in range(fast.shape[1])))
-        prior = np.append(prior, np.ones(fast.shape[1]))
+        prior = np.append(prior, np.full(fast.shape[1], 0.5))
     if not whole_turn and "misalignment" not in change.without:
         amplitude, phase = model.misalignment
         fixed = fixed + amplitude * np.cos(motion.output_angle_rad + phase)
@@ -254,6 +261,30 @@ def as_followed(record: Record) -> Record:
     new = replace(motion, acceleration_rad_s2=acceleration)
     change = expected_torque_nm(new, motion.inertia_nm_s2) - expected
     return replace(record, motion=new, fixed_nm=record.fixed_nm + change)
+
+
+def _is_followed(
+    motion: Motion,
+    left: FloatArray,
+    expected: FloatArray,
+    columns: FloatArray,
+    usable: NDArray[np.bool_],
+) -> bool:
+    """Return whether the torque has the expected torque, so that the inertia can be believed."""
+    speed = np.where(usable, motion.velocity_rad_s, 0.0)
+    largest = max(float(np.abs(speed).max()), 1e-12)
+    others = [columns, speed, np.tanh(speed / (0.01 * largest)), expected]
+    design = np.column_stack(others)[usable]
+    size = np.sqrt(np.mean(design**2, axis=0))
+    if len(left) <= 2 * design.shape[1] or not size[-1] > 0.0:
+        return False
+    design = design / np.where(size > 0.0, size, 1.0)
+    matrix = design.T @ design
+    amounts = np.linalg.lstsq(matrix, design.T @ left, rcond=1e-9)[0]
+    scatter = float(np.std(left - design @ amounts))
+    std = scatter * float(np.sqrt(np.linalg.pinv(matrix, hermitian=True)[-1, -1]))
+    off = abs(float(amounts[-1]))
+    return off < _OFF * float(size[-1]) and _SURE * std < float(size[-1])
 
 
 def _fast_acceleration(motion: Motion, period_s: float) -> FloatArray:
