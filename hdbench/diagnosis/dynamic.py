@@ -15,7 +15,7 @@ from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange, parse_baseline
 from hdbench.diagnosis.discovery.channel import DELAY, start_fit
 from hdbench.diagnosis.discovery.fit import Fit
-from hdbench.diagnosis.discovery.record import Record, as_followed, prepare_record
+from hdbench.diagnosis.discovery.record import Record, as_followed, on_clock, prepare_record
 from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
@@ -215,7 +215,9 @@ def _prepared(
     task: Task, trace: Trace, masked: NDArray[np.bool_], *channel: LowPass | None
 ) -> Record:
     """Return a trace as a record, behind the low-pass of its channel where that is known."""
+    trace, masked, added = on_clock(trace, masked)
     record = prepare_record(trace, task.profile.data, task.given, masked, task.change)
+    record = replace(record, added=added)
     for low_pass in channel:
         record = record.behind(low_pass)
         if "expected-torque" not in task.change.without:
@@ -321,7 +323,8 @@ def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, 
     early = _faults(task, inspected, record, fit, white=False)
     spikes = early.spikes
     low_pass = fit.bands.low_pass
-    record = _prepared(task, inspected.trace, inspected.masked | spikes, low_pass)
+    masked = inspected.masked | spikes[~record.added]
+    record = _prepared(task, inspected.trace, masked, low_pass)
     if any(fault.name == "quantisation" for fault in early.faults):
         record = _rounded(task, record)
     return record, spikes

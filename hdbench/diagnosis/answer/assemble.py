@@ -141,13 +141,17 @@ def _with_masked(fit: Fit, masked: NDArray[np.bool_], after: float) -> float:
     """Return the residual's root mean square with masked samples among the others, N m."""
     record = fit.record
     torque = np.where(np.isfinite(record.torque_nm), record.torque_nm, 0.0)
+    if len(masked) < len(record):
+        whole = np.zeros(len(record), dtype=bool)
+        whole[~record.added] = masked
+        masked = whole
     if not np.isfinite(record.torque_nm[masked]).any():
         return after
     near = np.interp(
         np.flatnonzero(masked), np.flatnonzero(record.valid), record.torque_nm[record.valid]
     )
     off = (torque[masked] - near) ** 2
-    return float(np.sqrt((after**2 * record.valid.sum() + off.sum()) / len(record)))
+    return float(np.sqrt((after**2 * record.valid.sum() + off.sum()) / (~record.added).sum()))
 
 
 def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> BenchModel:
@@ -269,7 +273,7 @@ def _bandwidth(fit: Fit) -> float:
 
 def _left_out(findings: Findings) -> tuple[LeftOutSamples, ...]:
     record = findings.search.fit.record
-    n = len(record)
+    n = int((~record.added).sum())
     reasons = dict(findings.inspected.left_out)
     spikes = int(findings.late.spikes.sum())
     if spikes:
@@ -289,7 +293,8 @@ def _pictures(
     def unused(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         return np.where(record.valid, values, np.nan)
 
-    return Pictures(
+    recorded = ~record.added
+    curves = (
         motion.time_s,
         motion.velocity_rad_s,
         record.torque_nm,
@@ -297,10 +302,16 @@ def _pictures(
         torque if channel is None else channel.applied(torque),
         unused(before),
         unused(residual_nm(fit)),
-        ~record.valid,
-        spectra(findings.search, findings.search.first),
+    )
+    axes = (
         motion.acceleration_rad_s2,
         motion.angle_rad,
         motion.output_angle_rad,
         motion.applied_nm,
+    )
+    return Pictures(
+        *(values[recorded] for values in curves),
+        ~record.valid[recorded],
+        spectra(findings.search, findings.search.first),
+        *(values[recorded] for values in axes),
     )

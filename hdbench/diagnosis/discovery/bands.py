@@ -144,11 +144,6 @@ class Bands:
         return len(self.counts)
 
     @property
-    def delay(self) -> LowPass | None:
-        """Low-pass with a delay, which acts in time; None where `passed` says all."""
-        return self.low_pass if self.low_pass is not None and self.low_pass.causal else None
-
-    @property
     def size(self) -> int:
         """Coefficients that are kept: up to the bandwidth of the torque."""
         return int(self.edges[-1])
@@ -160,19 +155,13 @@ class Bands:
         `measured` is for what went through the channel already.
         """
         from scipy.fft import dct
-        from scipy.signal import sosfilt
 
-        rows = np.array(columns.T, dtype=np.float64, order="C", ndmin=2)
-        if len(self.lost):
-            bridged = self.weight * rows[:, self.before]
-            rows[:, self.lost] = bridged + (1.0 - self.weight) * rows[:, self.after]
-        if self.delay is not None and not measured:
-            sections = self.delay.sections()
-            rows = rows[:, :1] + sosfilt(sections, rows - rows[:, :1], axis=1)
+        rows = self._bridged(np.array(columns.T, dtype=np.float64, order="C", ndmin=2))
+        if self.low_pass is not None and not measured:
+            rows = self._bridged(self._passed(rows))
         rows *= self.fade
         out = np.asarray(dct(rows, n=self.length, norm="ortho", axis=1, overwrite_x=True))
-        out = out[:, : self.size]
-        return out if measured or self.delay is not None else out * self.passed
+        return out[:, : self.size]
 
     def inverse(self, row: FloatArray) -> FloatArray:
         """Return what the transform of a column makes of coefficients: its transpose."""
@@ -180,13 +169,43 @@ class Bands:
         from scipy.signal import sosfilt
 
         whole = np.zeros(self.length)
-        whole[: self.size] = row if self.delay is not None else row * self.passed
+        whole[: self.size] = row
         column = np.asarray(idct(whole, norm="ortho"))[: len(self.fade)] * self.fade
-        if self.delay is not None:
-            total = float(column.sum())
-            column = np.asarray(sosfilt(self.delay.sections(), column[::-1]))[::-1].copy()
-            # the filter begins at rest at the first sample
-            column[0] += total - float(column.sum())
+        column = self._unbridged(column)
+        if self.low_pass is None:
+            return column
+        if not self.low_pass.causal:
+            return self._unbridged(self._passed(column[None, :])[0])
+        total = float(column.sum())
+        column = np.asarray(sosfilt(self.low_pass.sections(), column[::-1]))[::-1].copy()
+        # the filter begins at rest at the first sample
+        column[0] += total - float(column.sum())
+        return self._unbridged(column)
+
+    def _passed(self, rows: FloatArray) -> FloatArray:
+        """Return rows as the channel passes them; a filter with a delay begins at rest."""
+        from scipy.fft import dct, idct
+        from scipy.signal import sosfilt
+
+        low_pass, n = self.low_pass, rows.shape[1]
+        if low_pass is None:
+            return rows
+        if low_pass.causal:
+            first = rows[:, :1]
+            return np.asarray(first + sosfilt(low_pass.sections(), rows - first, axis=1))
+        gain = np.abs(low_pass.gain(np.arange(n) / n))
+        lines = dct(rows, norm="ortho", axis=1) * gain
+        return np.asarray(idct(lines, norm="ortho", axis=1, overwrite_x=True))
+
+    def _bridged(self, rows: FloatArray) -> FloatArray:
+        """Return rows with lost samples on straight lines."""
+        if len(self.lost):
+            bridged = self.weight * rows[:, self.before]
+            rows[:, self.lost] = bridged + (1.0 - self.weight) * rows[:, self.after]
+        return rows
+
+    def _unbridged(self, column: FloatArray) -> FloatArray:
+        """Return what lost samples hold at those between which they lie: the transpose."""
         if len(self.lost):
             held = column[self.lost]
             column[self.lost] = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,16 @@ SAMPLED = "sampled-ripple"
 # name of the columns of what an acceleration holds beyond its window, in octaves
 FAST = "fast-acceleration"
 _OCTAVES = 5
+# a pause of this share of the record's samples is no gap
+_PAUSE = 0.02
 # an inertia that is off by more is not the load's, nor is one that is less sure
 _OFF, _SURE = 0.5, 10.0
 # shortest window of an acceleration, sampling periods
 _LEAST_PERIODS = 4.0
 # lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
-# and those between and above have an amplitude of their own, if this share of the turns is there
-_PLAIN_BELOW, _FEW = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2), 0.01
+# and those between and above have an amplitude of their own, if this share of the turns is there; a
+# spline through these follows filters of up to eighth order to a thousandth
+_PLAIN_BELOW, _FEW = (0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.35), 0.01
 # the misalignment of a bench that is clamped again may be this many times the model's
 _MISALIGNED = 3.0
 # the inertia of a profile is off by 30 % as a rule: half of the expected power is then there
@@ -73,6 +76,8 @@ class Record:
         Whether the model that was handed in already held it.
     records : tuple of Record
         Records of which this one is a stack; empty for one alone.
+    added : ndarray of bool
+        Samples that were not recorded: places on the clock in a gap of the stamps.
     referenced : bool
         Whether the motor angles of all records of a stack have one zero.
     """
@@ -92,6 +97,7 @@ class Record:
     late_s: float = 0.0
     late_known: bool = False
     records: tuple[Record, ...] = ()
+    added: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     referenced: bool = False
 
     def __len__(self) -> int:
@@ -136,6 +142,31 @@ class Record:
     def span_s(self) -> float:
         """Duration, s."""
         return float(self.motion.time_s[-1] - self.motion.time_s[0])
+
+
+def on_clock(
+    trace: Trace, masked: NDArray[np.bool_]
+) -> tuple[Trace, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return a trace with lost samples in the gaps of its stamps, and which were added.
+
+    A filter and a delay go on through a gap. A pause of more than a fiftieth of the record stays.
+    """
+    time = trace.time_s
+    steps = np.diff(time) / np.median(np.diff(time))
+    gap = (steps > GAP) & (steps < _PAUSE * len(time))
+    counts = np.where(gap, np.round(steps).astype(int) - 1, 0)
+    if not counts.any():
+        return trace, masked, np.zeros(len(time), dtype=bool)
+    places = np.arange(len(time)) + np.concatenate([[0], np.cumsum(counts)])
+    added = np.ones(places[-1] + 1, dtype=bool)
+    added[places] = False
+    columns = {name: np.full(len(added), np.nan) for name in trace.columns}
+    for name, values in trace.columns.items():
+        columns[name][places] = values
+    columns["time_s"] = np.interp(np.arange(len(added)), places, time)
+    more = np.zeros(len(added), dtype=bool)
+    more[places] = masked
+    return replace(trace, columns=columns), more, added
 
 
 def prepare_record(
@@ -350,7 +381,10 @@ def _sampled_lines(
     What of such a line is in the record is up to filters before the converter: its amplitude there
     is free, interpolated between a few frequencies.
     """
+    from scipy.interpolate import CubicSpline
+
     speed = np.where(motion.valid, np.abs(motion.velocity_rad_s), 0.0)
+    spline = CubicSpline(_PLAIN_BELOW, np.eye(len(_PLAIN_BELOW)), bc_type="clamped")
     more, parts, columns = names, [], columns.copy()
     for place in [i for i, n in enumerate(names) if n.startswith("ripple:") and "cos" in n]:
         order = float(names[place].split(":")[1])
@@ -360,7 +394,7 @@ def _sampled_lines(
         if above < _FEW or plain < _FEW:
             continue
         pair = columns[:, place : place + 2]
-        weights = [np.interp(of_nyquist, _PLAIN_BELOW, unit) for unit in np.eye(len(_PLAIN_BELOW))]
+        weights = spline(np.clip(of_nyquist, _PLAIN_BELOW[0], _PLAIN_BELOW[-1])).T
         for k, weight in enumerate(weights[1:], 1):
             parts.append(pair * weight[:, None])
             more += tuple(f"{SAMPLED}:{order!r}:{part}_{k}" for part in ("cosine", "sine"))
