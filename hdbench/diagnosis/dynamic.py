@@ -142,7 +142,7 @@ def diagnose_trace(
             progress=told,
             least_share=task.least_share,
         )
-        return found, [found.fit]
+        return found, [found.told]
 
     found, (late,) = searched(task, [ready], find, report)
     report("measuring the gain on held-out blocks", 0.9)

@@ -64,7 +64,7 @@ def assemble(
     places, small = by_share(told.places, findings.materiality)
     extended = _extended(findings, told, faults)
     motion = fit.record.motion
-    noise = noise_rms_nm(fit)
+    noise = noise_rms_nm(findings.search.told)
     given = findings.given
     torque = fit.record.torque_nm[fit.record.valid]
     step = step_of(torque)

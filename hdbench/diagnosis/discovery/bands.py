@@ -182,6 +182,14 @@ class Bands:
         column[0] += total - float(column.sum())
         return self._unbridged(column)
 
+    def waves(self, rows: FloatArray) -> FloatArray:
+        """Return what coefficients are in time, shape (k, n_samples)."""
+        from scipy.fft import idct
+
+        whole = np.zeros((len(rows), self.length))
+        whole[:, : self.size] = rows
+        return np.asarray(idct(whole, norm="ortho", axis=1, overwrite_x=True))[:, : len(self.fade)]
+
     def _passed(self, rows: FloatArray) -> FloatArray:
         """Return rows as the channel passes them; a filter with a delay begins at rest."""
         from scipy.fft import dct, idct

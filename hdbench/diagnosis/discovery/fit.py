@@ -19,7 +19,7 @@ from hdbench.diagnosis.discovery.moments import (
 )
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum, make_shapes
-from hdbench.diagnosis.discovery.tables import is_table
+from hdbench.diagnosis.discovery.tables import Table
 from hdbench.diagnosis.discovery.term import Term, follows_motion, term_columns
 from hdbench.diagnosis.evidence import PASSED
 from hdbench.records.trace import FloatArray
@@ -443,7 +443,7 @@ class Fit:
     def tables(self) -> list[int]:
         """Return the parts that are tables without a name."""
         terms = [part.term for part in self.parts]
-        return [i for i, term in enumerate(terms) if term is not None and is_table(term.cause)]
+        return [i for i, term in enumerate(terms) if term and isinstance(term.cause, Table)]
 
     def term(self, part: int) -> Term:
         """Return the cause of a part, with its shape; ValueError for a piece of the baseline."""

@@ -256,7 +256,9 @@ def attach_forms(fit: Fit) -> None:
         fit.parts.append(Part(FIXED, None, np.zeros(0)))
     covariance = inverse(fit.information)
     for index, part in enumerate(fit.parts):
-        if bool(np.any((fit.owner == index) & fit.form)):
+        # a table may have any form already
+        table = part.term is not None and is_table(part.term.cause)
+        if table or bool(np.any((fit.owner == index) & fit.form)):
             continue
         if part.name != FIXED:
             flat = fit.flat(index)

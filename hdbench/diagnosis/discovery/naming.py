@@ -10,6 +10,7 @@ from hdbench.diagnosis.discovery.dictionary import Look
 from hdbench.diagnosis.discovery.fit import Beside
 from hdbench.diagnosis.discovery.form import STRONG
 from hdbench.diagnosis.discovery.lines import scan_looks
+from hdbench.diagnosis.discovery.loudness import loudness_of
 from hdbench.diagnosis.discovery.refine import Candidate, candidate_of, refined, weighed
 from hdbench.diagnosis.discovery.search import Search, all_possible, settled, value_of
 from hdbench.diagnosis.discovery.tables import is_table
@@ -91,7 +92,17 @@ def _table(search: Search, part: int) -> list[Candidate]:
             continue
         shaped = refined(beside, fit.record, start)
         table.append(weighed(beside, fit.record, shaped, fit.shapes, base))
-    return _with_forms(search, part, table) if own.gain_nats > 0.5 * STRONG else table
+    strong = own.gain_nats * own.loud > 0.5 * STRONG
+    return _alike(_with_forms(search, part, table) if strong else table)
+
+
+def _alike(table: list[Candidate]) -> list[Candidate]:
+    """Return a table in which the noise is as loud for all names as it is for the cause itself."""
+    loud = table[0].loud
+    return [
+        replace(c, evidence_nats=c.plain_nats - (1.0 - 1.0 / loud) * c.gain_nats * c.loud)
+        for c in table
+    ]
 
 
 def _with_forms(search: Search, part: int, table: list[Candidate]) -> list[Candidate]:
@@ -105,12 +116,15 @@ def _with_forms(search: Search, part: int, table: list[Candidate]) -> list[Candi
         if found is not table[0] and not all_possible(new, 1):
             continue
         gain = value_of(new) - base
+        loud = loudness_of(new, [len(new.parts) - 1])
         cost = found.gain_nats - found.evidence_nats
         moved = found
         if found is not table[0] and term != found.term:
             beside = search.fit.beside(part)
             moved = candidate_of(beside, view.record, term, found.trials, found.false_alarm)
-        out.append(replace(moved, gain_nats=gain, evidence_nats=gain - cost))
+        out.append(
+            replace(moved, gain_nats=gain / loud, evidence_nats=gain / loud - cost, loud=loud)
+        )
     return out
 
 

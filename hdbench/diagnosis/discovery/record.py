@@ -200,7 +200,8 @@ def prepare_record(
     prior = np.full(len(names), np.inf)
     expected = expected_torque_nm(motion, motion.inertia_nm_s2)
     usable = motion.valid & np.isfinite(torque - fixed) & ~masked
-    plain = "expected-torque" not in change.without
+    passed = _passed(motion.velocity_rad_s, torque, usable, period)
+    plain = "expected-torque" not in change.without and passed == 1.0
     if plain and _is_followed(motion, (torque - fixed)[usable], expected, columns, usable):
         # of each octave all is motion or nothing: half of it, give or take a half
         fast = motion.inertia_nm_s2 * _fast_acceleration(motion, period)
@@ -219,7 +220,6 @@ def prepare_record(
     valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
     valid &= np.isfinite(columns).all(axis=1)
     starts = np.concatenate([[True], steps > GAP * period])
-    passed = _passed(motion.velocity_rad_s, torque, valid, period)
     if passed < 1.0:
         fixed = smoothed(fixed[:, None], passed)[:, 0]
     return Record(
@@ -325,6 +325,7 @@ def _fast_acceleration(motion: Motion, period_s: float) -> FloatArray:
     much is noise of the channel, the torque says.
     """
     from scipy.fft import next_fast_len
+    from scipy.interpolate import CubicHermiteSpline
 
     n = len(motion)
     by_angle = motion.acceleration_source == "angle"
@@ -332,9 +333,16 @@ def _fast_acceleration(motion: Motion, period_s: float) -> FloatArray:
     both = np.column_stack([values, motion.acceleration_rad_s2])
     known = np.isfinite(both).all(axis=1)
     at = np.flatnonzero(known)
-    # less a straight line, so that the mirrored ends meet without a bend
     held = np.column_stack([np.interp(np.arange(n), at, one[at]) for one in both.T])
-    held[:, 0] -= np.linspace(held[0, 0], held[-1, 0], n)
+    # less a cubic with the same values and slopes at both ends, so that the mirrored ends meet
+    ends = CubicHermiteSpline(
+        [0.0, n - 1.0],
+        held[[0, -1], 0],
+        [np.diff(held[:9, 0]).mean(), np.diff(held[-9:, 0]).mean()],
+    )
+    bend = ends(np.arange(n))
+    held[:, 1] -= (ends(np.arange(n), 2 if by_angle else 1)) / period_s ** (2 if by_angle else 1)
+    held[:, 0] -= bend
     size = int(next_fast_len(n, real=True))
     padded = np.pad(held, ((0, size - n), (0, 0)), mode="edge")
     lines = np.fft.rfft(np.concatenate([padded, padded[::-1]]), axis=0)

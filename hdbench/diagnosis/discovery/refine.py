@@ -9,6 +9,7 @@ import numpy as np
 
 from hdbench.diagnosis.discovery.dictionary import explained, own_directions
 from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
+from hdbench.diagnosis.discovery.loudness import loudness_beside
 from hdbench.diagnosis.discovery.moments import solve_best
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes
@@ -73,6 +74,9 @@ class Candidate:
         What the rows that speak for its name gain, less the price of parameters, shape and place.
     joined : Fit or None
         The whole fit with it and its form error, where that was made.
+    loud : float
+        How many times the variance of its amplitude is what the spectrum of the noise says; the
+        gain was divided by it.
     """
 
     term: Term
@@ -86,6 +90,12 @@ class Candidate:
     gain_nats: float = 0.0
     evidence_nats: float = -np.inf
     joined: Fit | None = None
+    loud: float = 1.0
+
+    @property
+    def plain_nats(self) -> float:
+        """Evidence by the spectrum of the noise alone, by which names are ranked."""
+        return self.evidence_nats + (self.loud - 1.0) * self.gain_nats
 
     @property
     def name(self) -> str:
@@ -236,9 +246,10 @@ def weighed(
         parts = harmonics(found.term.cause)
         if _is_sine(found, parts):
             speaks = gain_of(beside, found.rows[parts[0]], shapes, base, moving)
-    statistic = 2.0 * max(speaks, 0.0)
+    loud = loudness_beside(beside, found.rows, found.linear * found.scale)
+    statistic = 2.0 * max(speaks, 0.0) / loud
     evidence = amplitude_evidence(beside, found, statistic) - price(beside, record, found)
-    return replace(found, gain_nats=gain, evidence_nats=evidence)
+    return replace(found, gain_nats=gain / loud, evidence_nats=evidence, loud=loud)
 
 
 def gain_of(

@@ -21,6 +21,7 @@ from hdbench.diagnosis.discovery.form import (
     usual_scale,
 )
 from hdbench.diagnosis.discovery.lines import Scan, plan_scans, scan_looks, scan_power, step_look
+from hdbench.diagnosis.discovery.loudness import loudness_beside, loudness_of
 from hdbench.diagnosis.discovery.modulated import modulated_looks
 from hdbench.diagnosis.discovery.moments import Moments, solve, solve_best
 from hdbench.diagnosis.discovery.record import SAMPLED, Record, with_simulated
@@ -54,8 +55,6 @@ _NAMES, _LINES, _TABLES, _PAIRS = 5, 8, 2, 3
 # a look this many nats behind the best cannot overtake it by a better shape or noise
 _BEHIND = 0.5
 _BEHIND_NATS = 15.0
-# a name goes before a table wherever it has this evidence, odds of 150 to 1, and this share of its
-_NAME_NATS, _NAME_SHARE = 5.0, 0.1
 # rounds of a search that finds ever more, and small causes in a row that end it
 _MOST_ROUNDS, _SMALL = 30, 2
 # evidence that a cause must keep where slow noise, which imitates it, is accepted after it
@@ -120,41 +119,50 @@ class Search:
     latest: tuple[str, ...] = ()
     first: dict[str, FloatArray] = field(default_factory=dict)
     first_power: float = 0.0
+    most_nats: float = 0.0
+    whole: Fit | None = None
+
+    @property
+    def told(self) -> Fit:
+        """The fit with tables in what no name explains; without them before they were sought."""
+        return self.whole or self.fit
 
     def _views(self) -> list[Fit]:
         """Return the fit, and the same in a noise that does not rise towards 0 Hz."""
         flat = self.fit.flat_view()
         return [self.fit] if flat is None else [self.fit, flat]
 
-    def looks(self, view: Fit) -> list[tuple[str, Look]]:
-        """Return the looks at a residual that are worth weighing, by kind."""
+    def looks(self, view: Fit) -> list[Look]:
+        """Return the names that explain most of a residual and are worth weighing."""
         present = [part.term.cause for part in view.parts if part.term is not None]
-        found: list[tuple[str, Look]] = []
-        for kind, dictionary, most in (
-            ("name", self.names, _NAMES),
-            ("table", self.tables, _TABLES),
-        ):
-            seen: set[str] = set()
-            for look in dictionary.looks(view.beside()):
-                cause = look.term.cause
-                if cause.name in seen or any(same_torque(cause, held) for held in present):
-                    continue
-                seen.add(cause.name)
-                found.append((kind, look))
-                if len(seen) == most:
+        found: dict[str, Look] = {}
+        for look in self.names.looks(view.beside()):
+            cause = look.term.cause
+            if cause.name not in found and not any(same_torque(cause, held) for held in present):
+                found[cause.name] = look
+                if len(found) == _NAMES:
                     break
-        return found
+        return list(found.values())
 
     def _places(self) -> list[tuple[str, Look]]:
         """Return lines and the best step."""
         lines = scan_looks(self.fit, self.scans, self.causes)
         found = [("line", look) for look in lines if not self._beside_line(look)]
-        found += [("table", look) for look in modulated_looks(self.fit, self.scans)]
         if "zero-step" in self.causes:
             step = step_look(self.fit, self.causes["zero-step"])
             if step is not None:
                 found.append(("step", step))
         return found
+
+    def _table_looks(self) -> list[tuple[str, Look]]:
+        """Return the tables that explain most; an axis that is told once says no more."""
+        held = {part.name for part in self.fit.parts}
+        looks = [*self.tables.looks(self.fit.beside()), *modulated_looks(self.fit, self.scans)]
+        best: dict[str, Look] = {}
+        for look in sorted(looks, key=_quick, reverse=True):
+            if look.term.name not in held:
+                best.setdefault(look.term.name, look)
+        return [("table", look) for look in list(best.values())[:_TABLES]]
 
     def _beside_line(self, look: Look) -> bool:
         """Return whether a line stands within the width of one that is explained already.
@@ -179,55 +187,78 @@ class Search:
         fit = self.fit
         views = self._views()
         looks = [self.looks(view) for view in views]
-        first = looks[0] + self._places()
-        passing = [x for k, x in first if x.false_alarm < self.alpha * SHARES[k]]
-        if not passing and len(views) == 1:
-            return ()
-        chosen = _nearest(first) if passing else []
+        passing = self._passing([*(("name", x) for x in looks[0]), *self._places()])
         beside = fit.beside()
         base = settled(beside, fit)
-        tried: list[tuple[Candidate, ...]] = []
-        for kind, look in chosen:
-            chance = min(1.0, look.false_alarm / SHARES[kind])
-            start = candidate_of(beside, fit.record, look.term, look.trials, chance)
-            shaped = refined(beside, fit.record, start)
-            tried.append((weighed(beside, fit.record, shaped, fit.shapes, base),))
-        plain = self._plain(views[-1], looks[-1], beside, base) if len(views) > 1 else []
+        tried = self._weighed(passing, beside, base)
+        plain = self._in_plain_noise(views[-1], looks[-1], beside, base) if len(views) > 1 else []
         for view, some in zip(views, looks, strict=True):
-            if not passing and not any(0.5 * x.statistic > _PLAIN_NATS for _, x in some):
-                continue
-            tried += self._pairs(view, beside, base, some)
+            if passing or any(0.5 * x.statistic > _PLAIN_NATS for x in some):
+                tried += self._pairs(view, beside, base, some)
+        accepted = self._accepted(tried, plain)
+        self.most_nats = max((_plain(e) for e in accepted), default=0.0)
+        return max(accepted, key=_turn, default=())
+
+    def find_tables(self) -> None:
+        """Find tables in what no name explains; names and their parameters stay as they are."""
+        names, self.fit = self.fit, self.fit.copy()
+        while True:
+            beside = self.fit.beside()
+            looks = self._passing(self._table_looks())
+            base = settled(beside, self.fit)
+            found = max(
+                self._accepted(self._weighed(looks, beside, base), []), key=_turn, default=()
+            )
+            if not found:
+                break
+            self.accept((replace(found[0], joined=None),))
+        self.whole, self.fit = self.fit, names
+
+    def _passing(self, looks: list[tuple[str, Look]]) -> list[tuple[str, Look]]:
+        """Return the nearest looks if any of them passes its share of the false-alarm rate."""
+        if not any(x.false_alarm < self.alpha * SHARES[kind] for kind, x in looks):
+            return []
+        return _nearest(looks)
+
+    def _weighed(
+        self, looks: list[tuple[str, Look]], beside: Beside, base: float
+    ) -> list[tuple[Candidate, ...]]:
+        """Return looks at their best shapes with their evidence."""
+        out: list[tuple[Candidate, ...]] = []
+        for kind, look in looks:
+            chance = min(1.0, look.false_alarm / SHARES[kind])
+            start = candidate_of(beside, self.fit.record, look.term, look.trials, chance)
+            shaped = refined(beside, self.fit.record, start)
+            out.append((weighed(beside, self.fit.record, shaped, self.fit.shapes, base),))
+        return out
+
+    def _accepted(
+        self, tried: list[tuple[Candidate, ...]], plain: list[tuple[Candidate, ...]]
+    ) -> list[tuple[Candidate, ...]]:
+        """Return the entries that pass, fitted with their form errors where they are strong."""
         tried, plain = self._different(tried), self._different(plain)
         tried = [self._judged(e) for e in self._joined(tried, plain)]
         tried = [e for e in tried if e[0].false_alarm < self.alpha and _nats(e) > _needed(e)]
-        self.log.append(
-            "  "
-            + "; ".join(
-                f"{'+'.join(c.name for c in e)} {_nats(e):.0f}"
-                for e in sorted(tried, key=_nats, reverse=True)[:6]
-            )
-        )
-        most = max((_nats(e) for e in tried), default=0.0)
-        least = max(_NAME_NATS, _NAME_SHARE * most)
-        named = [e for e in tried if not is_table(e[0].term.cause) and _nats(e) > least]
-        return max(named or tried, key=_turn, default=())
+        words = [f"{'+'.join(c.name for c in e)} {_nats(e):.0f} of {_plain(e):.0f}" for e in tried]
+        self.log.append("  " + "; ".join(words[:6]))
+        return tried
 
     def _different(self, tried: list[tuple[Candidate, ...]]) -> list[tuple[Candidate, ...]]:
         """Return the best entry of each set of names, without names that were dropped often."""
         best: dict[tuple[object, ...], tuple[Candidate, ...]] = {}
-        for entry in sorted(tried, key=_nats, reverse=True):
+        for entry in sorted(tried, key=_plain, reverse=True):
             if all(self.dropped.get(c.name, 0) < _AGAIN for c in entry):
                 place = _identity(entry[0].term) if is_line(entry[0].term.cause) else ()
                 best.setdefault((*sorted(c.name for c in entry), *place), entry)
         return list(best.values())
 
-    def _plain(
-        self, view: Fit, looks: list[tuple[str, Look]], beside: Beside, base: float
+    def _in_plain_noise(
+        self, view: Fit, looks: list[Look], beside: Beside, base: float
     ) -> list[tuple[Candidate, ...]]:
         """Return the names that explain most in a plain noise, at their shapes there."""
         record, fit, even = self.fit.record, self.fit, view.beside()
         out: list[tuple[Candidate, ...]] = []
-        for look in [x for k, x in looks if k == "name"][:_JOINED]:
+        for look in looks[:_JOINED]:
             if 0.5 * look.statistic < _PLAIN_NATS:
                 break
             shaped = refined(even, record, candidate_of(even, record, look.term, look.trials, 1.0))
@@ -242,8 +273,8 @@ class Search:
 
         Fitted so are the likeliest ones, and those that explain most in a plain noise.
         """
-        ranked = sorted(tried, key=_nats, reverse=True)
-        likely = [e for e in ranked[:_JOINED] if e[0].gain_nats > 0.5 * STRONG]
+        ranked = sorted(tried, key=_plain, reverse=True)
+        likely = [e for e in ranked[:_JOINED] if e[0].gain_nats * e[0].loud > 0.5 * STRONG]
         chosen = {id(e): e for e in (*likely, *plain)}
         if not chosen:
             return ranked
@@ -257,12 +288,12 @@ class Search:
             if not all_possible(new, len(terms)):
                 continue
             saved = self._relieved(new, len(terms))
-            more = max(value_of(new) + saved - base - entry[0].gain_nats, 0.0)
+            places = list(range(len(new.parts) - len(terms), len(new.parts)))
+            plain, loud = entry[0].gain_nats * entry[0].loud, loudness_of(new, places)
+            gain = max(value_of(new) + saved - base, plain) / loud
+            cost = entry[0].gain_nats - entry[0].evidence_nats
             better = replace(
-                entry[0],
-                gain_nats=entry[0].gain_nats + more,
-                evidence_nats=entry[0].evidence_nats + more,
-                joined=new,
+                entry[0], gain_nats=gain, evidence_nats=gain - cost, joined=new, loud=loud
             )
             found = (better, *entry[1:])
             out.append(tuple(replace(c, term=t) for c, t in zip(found, terms, strict=True)))
@@ -320,7 +351,9 @@ class Search:
         first = entry[0]
         place = is_line(first.term.cause) or "step_time_s" in first.term.shape
         if place or first.gain_nats < _PLAIN_NATS:
-            return entry
+            # tails fall like exp(-T / 2), and T is so many times too large
+            louder = first.false_alarm ** (1.0 / first.loud)
+            return tuple(replace(c, false_alarm=louder) for c in entry)
         table = is_table(first.term.cause)
         every = (self.tables if table else self.names).all_trials
         trials = float(np.prod([c.trials * every for c in entry]))
@@ -329,7 +362,7 @@ class Search:
         return tuple(replace(c, false_alarm=min(c.false_alarm, chance)) for c in entry)
 
     def _pairs(
-        self, view: Fit, beside: Beside, base: float, looks: list[tuple[str, Look]]
+        self, view: Fit, beside: Beside, base: float, looks: list[Look]
     ) -> list[tuple[Candidate, ...]]:
         """Return the most promising pairs of names, weighed together."""
         fit = self.fit
@@ -341,8 +374,7 @@ class Search:
                 same_torque(new, held) for new in (one, other) for held in present
             )
 
-        names = [x for k, x in looks if k == "name"]
-        likely = [pair for pair in self.names.pairs(view.beside(), names) if is_new(pair)]
+        likely = [pair for pair in self.names.pairs(view.beside(), looks) if is_new(pair)]
         both_weighed = (pair_of(beside, fit, pair, base) for pair in likely[: 2 * _PAIRS])
         return [both for both in both_weighed if both[0].gain_nats > _PLAIN_NATS][:_PAIRS]
 
@@ -356,13 +388,20 @@ class Search:
         start = rising.fit(fit.spectrum.power, fit.bands.counts)
         tried = solve(fit.moments(), rising, start, rounds=4, anew=True, reference=fit.spectrum)
         gain = tried.likelihood - base - SLOW_PRICE * max(1, len(fit.record.records))
-        if gain < max(evidence, 0.0):
+        if gain < max(evidence, 0.0) or gain < self._table_nats():
             return False
         self.log.append(f"slow noise E={gain:.0f}")
         fit.shapes = rising
         fit.settle(4, anew=True)
         self.prune(_IN_SLOW_NATS, 0)
         return True
+
+    def _table_nats(self) -> float:
+        """Return the most evidence that a table has in the noise as it is."""
+        beside = self.fit.beside()
+        looks = self._passing(self._table_looks())
+        tried = self._weighed(looks, beside, settled(beside, self.fit))
+        return max((_plain(entry) for entry in tried), default=0.0)
 
     def accept_delay(self, evidence: float) -> bool:
         """Accept a delay of the torque where it says more than anything else; return whether."""
@@ -525,10 +564,15 @@ class Search:
             beside = view.beside()
             own = candidate_of(beside, view.record, self.fit.term(part), 1.0, 1.0)
             look = self.best_table(view, beside)
-            if look is not None and own.statistic < SPANS * look.statistic:
-                found = candidate_of(beside, view.record, look.term, look.trials, look.false_alarm)
-                if self._exchanged(joined(view, (look.term,)), found):
-                    return True
+            if look is None or own.statistic > SPANS * look.statistic:
+                continue
+            new, both = joined(view, (look.term,)), joined(self.fit, (look.term,))
+            if value_of(both) - value_of(new) > self.fit.parts[part].cost_nats:
+                # what the table says is no part of the law
+                continue
+            found = candidate_of(beside, view.record, look.term, look.trials, look.false_alarm)
+            if self._exchanged(new, found):
+                return True
         return False
 
     def _exchanged(self, new: Fit, table: Candidate) -> bool:
@@ -537,6 +581,8 @@ class Search:
         self._relieved(new, 1)
         stay = [id(part.term) for part in new.parts[:-1]]
         gone = [part for part in fit.causes() if id(fit.parts[part].term) not in stay]
+        if not gone:
+            return False
         base = fit.without(*gone)
         beside = base.beside()
         rows = fit.rows[np.isin(fit.owner, gone) & ~fit.form]
@@ -602,11 +648,6 @@ def _needed(entry: tuple[Candidate, ...]) -> float:
     return RIVAL_NATS if is_table(entry[0].term.cause) else _LEAST_NATS
 
 
-def _is_first_table(found: tuple[Candidate, ...], fit: Fit) -> bool:
-    """Return whether a table comes beside names alone."""
-    return is_table(found[0].term.cause) and not fit.tables()
-
-
 def _place_of(part: Part, key: str) -> float | None:
     """Return the order or frequency of a line of the fit, None for any other part."""
     kind, _, order = part.name.partition(":")
@@ -634,6 +675,11 @@ def value_of(fit: Fit) -> float:
     return fit.likelihood - form_cost(fit)
 
 
+def _plain(entry: tuple[Candidate, ...]) -> float:
+    """Return the evidence of an entry by the spectrum of the noise alone."""
+    return sum(c.plain_nats for c in entry)
+
+
 def _nats(entry: tuple[Candidate, ...]) -> float:
     """Return the evidence of an entry to a tenth: equals keep the order of the catalogue."""
     return round(sum(c.evidence_nats for c in entry), 1)
@@ -657,7 +703,8 @@ def pair_of(
         statistic=float(amount @ right),
     )
     moving = any(follows_motion(x.term.cause) for x in pair)
-    gain = gain_of(beside, joint.rows, fit.shapes, base, moving)
+    loud = loudness_beside(beside, joint.rows, amount)
+    gain = gain_of(beside, joint.rows, fit.shapes, base, moving) / loud
     k = len(one.rows)
     one = replace(one, linear=joint.linear[:k])
     other = replace(other, linear=joint.linear[k:])
@@ -667,22 +714,18 @@ def pair_of(
     evidence = log_evidence(2.0 * max(gain, 0.0), len(rows)) - SECOND_PRICE
     evidence -= price(beside, fit.record, one) + price(beside, fit.record, other)
     return (
-        replace(one, evidence_nats=evidence, gain_nats=gain),
+        replace(one, evidence_nats=evidence, gain_nats=gain, loud=loud),
         replace(other, evidence_nats=0.0, gain_nats=0.0),
     )
 
 
 def _nearest(looks: list[tuple[str, Look]]) -> list[tuple[str, Look]]:
     """Return the looks that a better shape or noise may make the best."""
-    chosen: list[tuple[str, Look]] = []
-    for tables, most in ((False, _NAMES + _LINES), (True, _TABLES)):
-        some = [entry for entry in looks if is_table(entry[1].term.cause) is tables]
-        # equals keep the order of the catalogue
-        some.sort(key=lambda entry: -round(_quick(entry[1]), 1))
-        best = _quick(some[0][1]) if some else 0.0
-        least = best - max(_BEHIND_NATS, _BEHIND * best)
-        chosen += [entry for entry in some if _quick(entry[1]) > least][:most]
-    return chosen
+    # equals keep the order of the catalogue
+    some = sorted(looks, key=lambda entry: -round(_quick(entry[1]), 1))
+    best = _quick(some[0][1]) if some else 0.0
+    least = best - max(_BEHIND_NATS, _BEHIND * best)
+    return [entry for entry in some if _quick(entry[1]) > least][: _NAMES + _LINES]
 
 
 def _identity(term: Term) -> tuple[str, tuple[tuple[str, float], ...]]:
@@ -848,19 +891,16 @@ def search_from(
         fit = state.fit
         found = state.round()
         form = best_form_move(fit)
-        evidence = sum(c.evidence_nats for c in found)
-        most = max(evidence, form.gain_nats if form else 0.0)
+        most = max(state.most_nats, form.gain_nats if form else 0.0)
         if state.accept_slow(most) or state.accept_delay(most):
             continue
-        least = max(_turn(found), _LEAST_NATS)
+        least = max(_plain(found) * (_turn(found) / max(_nats(found), 1.0)), _LEAST_NATS)
         if form is not None and form.gain_nats > least:
             for _ in range(_FORM_MOVES):
                 state.change_form(form)
                 form = best_form_move(fit)
                 if form is None or form.gain_nats < least:
                     break
-        elif (not found or _is_first_table(found, fit)) and state.drop_needless():
-            pass
         elif found:
             before = fit.bands.power(fit.residual).sum()
             state.accept(found)
@@ -868,7 +908,7 @@ def search_from(
             if small > _SMALL:
                 state.drop_needless()
                 break
-        elif not state.exchange_for_table():
+        elif not state.drop_needless() and not state.exchange_for_table():
             break
         state.reshape_all()
         state.straighten()
@@ -879,4 +919,7 @@ def search_from(
         for one in plain:
             if _as_good(one, fit):
                 return one
+    report("looking at what no name explains", 0.85)
+    if state.whole is None:
+        state.find_tables()
     return state

@@ -134,6 +134,11 @@ class StackedBands(Bands):
         pieces = zip(self.parts, self.slices(), strict=True)
         return np.concatenate([part.inverse(row[a]) for part, (a, _) in pieces])
 
+    def waves(self, rows: FloatArray) -> FloatArray:
+        """Return what coefficients of all records are in time, one record behind the other."""
+        pieces = zip(self.parts, self.slices(), strict=True)
+        return np.hstack([part.waves(rows[:, at]) for part, (at, _) in pieces])
+
     def slices(self) -> list[tuple[slice, slice]]:
         """Return the coefficients and the bands of each record."""
         sizes = np.cumsum([0, *(part.size for part in self.parts)]).tolist()

@@ -41,6 +41,7 @@ from hdbench.diagnosis.discovery.told import (
     place_of,
     rest_places,
     shares_of,
+    table_places,
     walk_of,
 )
 from hdbench.model import BenchModel, Cause, CauseTerm, cause_parameters
@@ -109,7 +110,7 @@ def piece_searches(search: Search) -> list[tuple[Search, list[int]]]:
     }
     out = []
     for number in range(len(search.fit.record.records)):
-        fit, origin = piece_fit(search.fit, number)
+        fit, origin = piece_fit(search.told, number)
         scans = tuple(scan.parts[number] for scan in search.scans)
         empty = Dictionary((), np.zeros((0, fit.bands.size), dtype=np.float32), [])
         out.append((Search(fit, empty, empty, scans, plain, search.alpha, plain), origin))
@@ -390,6 +391,7 @@ def tell_together(
         )
         cause = cause_of(named[index], best, model, gain, shares[index], chance)
         causes.append(cause.heard(voices, chance_apart))
+    places += table_places(search, variance)
     records = []
     for number, (one, origin) in enumerate(piece_searches(search)):
         square = mean_square(one.fit, {i for i, place in enumerate(origin) if place in base})

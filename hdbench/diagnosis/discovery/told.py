@@ -12,7 +12,7 @@ from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.channel import DELAY, best_delay
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.form import USUAL, formed_share, usual_scale
-from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
+from hdbench.diagnosis.discovery.heldout import HeldOut, Prediction, gain_between, hold_out
 from hdbench.diagnosis.discovery.lines import scan_power
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.naming import Named, name_causes
@@ -93,9 +93,11 @@ def tell(
     noise_variance: FloatArray | None = None,
 ) -> Told:
     """Return what a search found as the answer says it."""
-    named = name_causes(search)
+    found = [part.name for part in search.fit.parts]
+    named, held = predicting(search, name_causes(search))
     fit = search.fit
-    held = hold_out(fit)
+    if [part.name for part in fit.parts] != found:
+        search.find_tables()
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
     early = in_time(fit)
@@ -128,9 +130,6 @@ def tell(
             places.append(place_of(fit, index, shares[index], chance))
             continue
         without = held.predict(names - {index})
-        if without.chi2 <= with_names.chi2 or without.rms_nm <= with_names.rms_nm:
-            search.log.append(f"{term.name} predicts nothing")
-            continue
         gain = gain_between(without, with_names, rng)
         causes.append(cause_of(one, terms[-1], model, gain, shares[index], chance))
         places += form_places(search, index, variance)
@@ -138,8 +137,45 @@ def tell(
         if special is not None:
             causes.append(special[0])
             terms.append(special[1])
+    places += table_places(search, variance)
     places += rest_places(search, variance, noise_variance)
     return Told(fit, causes, places, before, after, terms)
+
+
+def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Named], HeldOut]:
+    """Take out of a search the causes that predict nothing beside the others.
+
+    The latest goes first: of two that can stand for each other one stays.
+    """
+    fit = search.fit
+    held = hold_out(fit)
+    names = set(range(len(fit.parts))) - set(fit.tables())
+    while True:
+        whole = held.predict(names)
+        some = [p for p in fit.causes() if p in names and not is_table(fit.term(p).cause)]
+        without = {part: held.predict(names - {part}) for part in some}
+        idle = [p for p, x in without.items() if x.chi2 <= whole.chi2 or x.rms_nm <= whole.rms_nm]
+        if not idle:
+            break
+        search.log.append(f"{fit.parts[idle[-1]].name} predicts nothing")
+        names.remove(idle[-1])
+    gone = sorted(set(range(len(fit.parts))) - names - set(fit.tables()))
+    if not gone:
+        return dict(named), held
+    search.fit = fit.without(*gone)
+    kept = [part for part in range(len(fit.parts)) if part not in gone]
+    return {at: named[old] for at, old in enumerate(kept) if old in named}, hold_out(search.fit)
+
+
+def table_places(search: Search, variance: float) -> list[Unexplained]:
+    """Return the places of the tables in what no name explains."""
+    fit = search.told
+    if fit is search.fit:
+        return []
+    held = {search.fit.parts[part].name for part in search.fit.tables()}
+    shares = shares_of(fit, set(range(len(fit.parts))) - set(fit.causes()), variance)
+    new = [part for part in fit.tables() if fit.parts[part].name not in held]
+    return [place_of(fit, part, shares[part], fit.parts[part].false_alarm) for part in new]
 
 
 def form_places(search: Search, part: int, variance: float) -> list[Unexplained]:
@@ -421,7 +457,7 @@ def rest_places(
     search: Search, variance: float, noise_variance: FloatArray | None
 ) -> list[Unexplained]:
     """Return bursts, and humps of the noise that hold a tenth of what is left."""
-    fit = search.fit
+    fit = search.told
     out = []
     burst = find_burst(fit, noise_variance)
     if burst is not None and burst.chance < search.alpha * SHARES["burst"]:
