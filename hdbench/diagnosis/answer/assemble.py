@@ -293,25 +293,19 @@ def _pictures(
     def unused(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         return np.where(record.valid, values, np.nan)
 
-    recorded = ~record.added
-    curves = (
-        motion.time_s,
-        motion.velocity_rad_s,
-        record.torque_nm,
-        findings.given.torque_nm(motion),
-        torque if channel is None else channel.applied(torque),
-        unused(before),
-        unused(residual_nm(fit)),
-    )
-    axes = (
-        motion.acceleration_rad_s2,
-        motion.angle_rad,
-        motion.output_angle_rad,
-        motion.applied_nm,
-    )
+    at = ~record.added
     return Pictures(
-        *(values[recorded] for values in curves),
-        ~record.valid[recorded],
+        motion.time_s[at],
+        motion.velocity_rad_s[at],
+        record.torque_nm[at],
+        findings.given.torque_nm(motion)[at],
+        (torque if channel is None else channel.applied(torque))[at],
+        unused(before)[at],
+        unused(residual_nm(fit))[at],
+        ~record.valid[at],
         spectra(findings.search, findings.search.first),
-        *(values[recorded] for values in axes),
+        motion.acceleration_rad_s2[at],
+        motion.angle_rad[at],
+        motion.output_angle_rad[at],
+        motion.applied_nm[at],
     )

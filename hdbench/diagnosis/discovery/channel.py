@@ -162,7 +162,7 @@ class Delay:
     @property
     def trials(self) -> float:
         """Delays that can be told apart."""
-        return 2.0 * _LARGEST_S / (np.sqrt(2.0 * np.pi) * self.std_s)
+        return 2.0 * _LARGEST_S / (float(np.sqrt(2.0 * np.pi)) * self.std_s)
 
     @property
     def false_alarm(self) -> float:

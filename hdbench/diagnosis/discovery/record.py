@@ -215,8 +215,8 @@ def prepare_record(
         once = [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
         columns = np.column_stack([columns, *once])
         names = (*names, "misalignment:cosine", "misalignment:sine")
-        expected = max(_MISALIGNED * amplitude, 1e-6 * profile.drive.rated_torque_nm)
-        prior = np.append(prior, [expected, expected])
+        size = max(_MISALIGNED * amplitude, 1e-6 * profile.drive.rated_torque_nm)
+        prior = np.append(prior, [size, size])
     valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
     valid &= np.isfinite(columns).all(axis=1)
     starts = np.concatenate([[True], steps > GAP * period])
@@ -331,7 +331,7 @@ def _fast_acceleration(motion: Motion, period_s: float) -> FloatArray:
     by_angle = motion.acceleration_source == "angle"
     values = motion.angle_rad if by_angle else motion.velocity_rad_s
     both = np.column_stack([values, motion.acceleration_rad_s2])
-    known = np.isfinite(both).all(axis=1)
+    known = np.asarray(np.isfinite(both).all(axis=1))
     at = np.flatnonzero(known)
     held = np.column_stack([np.interp(np.arange(n), at, one[at]) for one in both.T])
     # less a cubic with the same values and slopes at both ends, so that the mirrored ends meet

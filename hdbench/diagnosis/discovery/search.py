@@ -289,8 +289,8 @@ class Search:
                 continue
             saved = self._relieved(new, len(terms))
             places = list(range(len(new.parts) - len(terms), len(new.parts)))
-            plain, loud = entry[0].gain_nats * entry[0].loud, loudness_of(new, places)
-            gain = max(value_of(new) + saved - base, plain) / loud
+            least, loud = entry[0].gain_nats * entry[0].loud, loudness_of(new, places)
+            gain = max(value_of(new) + saved - base, least) / loud
             cost = entry[0].gain_nats - entry[0].evidence_nats
             better = replace(
                 entry[0], gain_nats=gain, evidence_nats=gain - cost, joined=new, loud=loud
@@ -703,7 +703,7 @@ def pair_of(
         statistic=float(amount @ right),
     )
     moving = any(follows_motion(x.term.cause) for x in pair)
-    loud = loudness_beside(beside, joint.rows, amount)
+    loud = loudness_beside(beside, joint.rows, np.asarray(amount, dtype=np.float64))
     gain = gain_of(beside, joint.rows, fit.shapes, base, moving) / loud
     k = len(one.rows)
     one = replace(one, linear=joint.linear[:k])
