@@ -68,26 +68,24 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     return next((m for arg in get_args(annotation) if (m := _model_in(arg)) is not None), None)
 
 
-def _model_at(model: type[BaseModel] | None, key: Key) -> type[BaseModel] | None:
+def _model_at(key: Key) -> type[BaseModel] | None:
+    """Return the table at a place in the profile, None where there is none."""
+    model: type[BaseModel] | None = ProfileData
     for part in key:
         if model is None or isinstance(part, int):
             continue
-        if driver_table(part) is not None:
-            model = driver_table(part)
-            continue
         field = model.model_fields.get(part)
-        model = None if field is None else _model_in(field.annotation)
+        model = driver_table(part) or (None if field is None else _model_in(field.annotation))
     return model
 
 
-def _field_at(root: type[BaseModel], key: Key) -> FieldInfo | None:
-    named = key
-    while named and isinstance(named[-1], int):
-        named = named[:-1]
-    if not named:
-        return None
-    model = _model_at(root, named[:-1])
-    return None if model is None else model.model_fields.get(str(named[-1]))
+def _meaning(key: Key) -> str:
+    """Return what a key means; of an entry of a list what the list means."""
+    while key and isinstance(key[-1], int):
+        key = key[:-1]
+    model = _model_at(key[:-1]) if key else None
+    field = None if model is None else model.model_fields.get(str(key[-1]))
+    return (field.description if field else None) or "see 'hdbench profile schema'"
 
 
 def known_keys(root: type[BaseModel], base: Key = ()) -> Iterator[Key]:
@@ -101,21 +99,17 @@ def known_keys(root: type[BaseModel], base: Key = ()) -> Iterator[Key]:
             yield from known_keys(below, (*base, name))
 
 
-def _nearest(root: type[BaseModel], key: Key) -> str:
+def _nearest(tagged: Key, key: Key) -> str:
     """Return the fix for an unknown key: the nearest one that exists."""
-    name = str(key[-1])
-    model = _model_at(root, key[:-1])
+    model = _model_at(tagged[:-1])
     siblings = list(model.model_fields) if model is not None else []
-    key = tuple(part for part in key if driver_table(part) is None)
-    near = difflib.get_close_matches(name, siblings, n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {key_text((*key[:-1], near[0]))!r}?"
     everywhere: dict[str, str] = {}
-    for path in known_keys(root):
+    for path in known_keys(ProfileData):
         everywhere.setdefault(str(path[-1]), key_text(path))
-    near = difflib.get_close_matches(name, everywhere, n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {everywhere[near[0]]!r}? else take the key out"
+    beside = {name: key_text((*key[:-1], name)) for name in siblings}
+    for known, more in ((beside, ""), (everywhere, " else take the key out")):
+        for near in difflib.get_close_matches(str(key[-1]), known, n=1):
+            return f"did you mean {known[near]!r}?{more}"
     return f"take it out; known here: {', '.join(siblings)}" if siblings else "take it out"
 
 
@@ -149,38 +143,28 @@ def _needed(error: Mapping[str, Any]) -> str:
 
 
 def schema_problems(
-    root: type[BaseModel], path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
+    path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
 ) -> list[ProfileError]:
     """Return one finding of pydantic as problems with file, line, key, found and needed."""
     tagged: Key = tuple(error["loc"])
     # the table of a driver stands in the location, but not in the file
     key = tuple(part for part in tagged if driver_table(part) is None)
-    if error["type"] == CONFLICT:
+    kind = error["type"]
+    if kind == CONFLICT:
         found: list[Conflict] = error["ctx"]["conflicts"]
         return [problem(path, lines, (*key, *c.key), c.what, c.fix) for c in found]
-    if error["type"] == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"]):
+    if kind == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"]):
         # entries that are wrong themselves are not counted; each of them is named
         return []
-    return [_schema_problem(root, path, lines, error, tagged, key)]
-
-
-def _schema_problem(
-    root: type[BaseModel],
-    path: str,
-    lines: Mapping[Key, int],
-    error: Mapping[str, Any],
-    tagged: Key,
-    key: Key,
-) -> ProfileError:
-    if error["type"] == "extra_forbidden":
-        return problem(path, lines, key, "unknown", _nearest(root, tagged))
-    field = _field_at(root, tagged)
-    meaning = (field.description if field is not None else None) or "see 'hdbench profile schema'"
-    if error["type"] == "missing":
-        line = f"add '{key[-1]} = ...' to {key_text(key[:-1])}" if key else "fill the profile"
-        return problem(path, lines, key, f"missing; needed: {meaning}", line)
-    what = f"found {_shown(error['input'])}; needed: {_needed(error)} ({meaning})"
-    return problem(path, lines, key, what, f"correct the value of {key_text(key)}")
+    fix = f"correct the value of {key_text(key)}"
+    if kind == "extra_forbidden":
+        what, fix = "unknown", _nearest(tagged, key)
+    elif kind == "missing":
+        what = f"missing; needed: {_meaning(tagged)}"
+        fix = f"add '{key[-1]} = ...' to {key_text(key[:-1])}" if key else "fill the profile"
+    else:
+        what = f"found {_shown(error['input'])}; needed: {_needed(error)} ({_meaning(tagged)})"
+    return [problem(path, lines, key, what, fix)]
 
 
 _PACKAGE = "hdbench_profiles"
@@ -340,21 +324,35 @@ def parse_profile(text: str, path: str) -> Profile:
         each with file and line, key, what was found and what is needed with its unit.
     """
     raw = _tuples(read_toml(text, path))
-    found: list[ProfileError] = []
-    data = None
-    lines = key_lines(text)
     try:
         data = ProfileData.model_validate(raw)
     except ValidationError as error:
-        found = [
-            one
-            for entry in error.errors(include_url=False)
-            for one in schema_problems(ProfileData, path, lines, entry)
-        ]
-    if data is None:
-        raise _all_problems(path, found)
+        lines = key_lines(text)
+        entries = error.errors(include_url=False)
+        found = [one for entry in entries for one in schema_problems(path, lines, entry)]
+        raise _all_problems(path, found) from None
     digest = hashlib.sha256(text.encode()).hexdigest()
     return Profile(data, text, digest, path, data.identity.drive_serial)
+
+
+def check_loads(profile: Profile) -> None:
+    """Refuse a profile whose weights exceed its torque limit.
+
+    Parameters
+    ----------
+    profile : Profile
+        The bench on which weights are to hang; what hangs none needs no such check.
+
+    Raises
+    ------
+    ProfileError
+        With file, line and key of each list of weights that is too heavy.
+    """
+    lines = key_lines(profile.text)
+    conflicts = profile.data.load_conflicts()
+    found = [problem(profile.path, lines, c.key, c.what, c.fix) for c in conflicts]
+    if found:
+        raise _all_problems(profile.path, found)
 
 
 def _all_problems(path: str, found: list[ProfileError]) -> ProfileError:

@@ -341,17 +341,9 @@ class ProfileData(Table):
             )
         return plan
 
-    @field_validator("calibration")
-    @classmethod
-    def _loads(cls, plan: CalibrationPlan, info: ValidationInfo) -> CalibrationPlan:
-        arm, limits = info.data.get("arm"), info.data.get("limits")
-        if arm and limits:
-            arm_nm_per_kg = arm.gravity_m_s2 * arm.length_m
-            refuse(
-                conflict
-                for name in ("full_masses_kg", "low_masses_kg")
-                for conflict in _above(
-                    (name,), max(getattr(plan, name)) * arm_nm_per_kg, limits, "torque_nm", "N m"
-                )
-            )
-        return plan
+    def load_conflicts(self) -> Iterator[Conflict]:
+        """Yield where weights exceed the torque limit: only a calibration needs them to fit."""
+        arm_nm_per_kg = self.arm.gravity_m_s2 * self.arm.length_m
+        for name in ("full_masses_kg", "low_masses_kg"):
+            torque_nm = max(getattr(self.calibration, name)) * arm_nm_per_kg
+            yield from _above(("calibration", name), torque_nm, self.limits, "torque_nm", "N m")

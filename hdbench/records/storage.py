@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.system.files import allocate, sync_file, sync_folder
@@ -124,11 +125,11 @@ def read_failure(error: Exception, path: Path) -> DataError:
     return DataError(f"cannot read: {reason}", where=str(path), fix="check path and rights")
 
 
-def checked_size(path: Path, *, limit: int, what: str) -> int:
-    """Return the size of a regular file of at most `limit` bytes."""
+def checked_size(path: Path, *, limit: int, what: str, missing: str = "check the path") -> int:
+    """Return the size of a regular file of at most `limit` bytes; `missing` is a fix."""
     try:
         if not path.exists():
-            raise DataError(f"no such {what}", where=str(path), fix="check the path")
+            raise DataError(f"no such {what}", where=str(path), fix=missing)
         if not path.is_file():
             raise DataError(
                 f"not a regular file; needed: a {what}", where=str(path), fix="name the file itself"
@@ -145,9 +146,9 @@ def checked_size(path: Path, *, limit: int, what: str) -> int:
     return size
 
 
-def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
-    """Read a regular file of at most `limit` bytes."""
-    checked_size(path, limit=limit, what=what)
+def file_bytes(path: Path, **needed: Any) -> bytes:
+    """Read a regular file that is as `checked_size` needs it."""
+    checked_size(path, **needed)
     try:
         return path.read_bytes()
     except OSError as error:
