@@ -15,6 +15,7 @@ from hdbench.importing.units import known_unit
 # what may be declared behind a channel beside its unit
 WORDS = ("int8", "int16", "int32", "wrapped", "output", "motor", "zero")
 
+_EXAMPLES = {"--map": "torque_nm=Torque*0.001", "--set": "2:series=down"}
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _LINEAR = re.compile(
     rf"(?P<name>.+?)(?:(?P<sign>[*/])(?P<scale>-?{_NUMBER}))?(?P<offset>[+-]{_NUMBER})?"
@@ -65,27 +66,20 @@ class SourceColumn:
     words: tuple[str, ...] = ()
 
 
-def _split(text: str, option: str, example: str, known: Sequence[str]) -> Entry:
+def parse_entry(option: str, text: str, known: Sequence[str]) -> Entry:
+    """Parse ``[FILE_NUMBER:]NAME=...`` of ``--map`` or ``--set``."""
     match = _TARGET.fullmatch(text)
     if match is None:
         raise UsageError(
-            f"found {text!r:.80}; needed: [FILE_NUMBER:]NAME=...", where=option, fix=example
+            f"found {text!r:.80}; needed: [FILE_NUMBER:]NAME=...",
+            where=option,
+            fix=f"such as {option} {_EXAMPLES[option]}",
         )
     target = match["target"]
     near = difflib.get_close_matches(target, known, n=1, cutoff=0.75)
     if target not in known and near:
         raise UsageError(f"no column {target!r}", where=option, fix=f"did you mean {near[0]!r}?")
     return Entry(target, match["rest"], int(match["file"]) if match["file"] else None)
-
-
-def parse_map(text: str, known: Sequence[str]) -> Entry:
-    """Parse ``[FILE_NUMBER:]NAME=COLUMN[*SCALE][+OFFSET][@WORD...]``."""
-    return _split(text, "--map", "such as --map torque_nm=Torque*0.001", known)
-
-
-def parse_constant(text: str, known: Sequence[str]) -> Entry:
-    """Parse ``[FILE_NUMBER:]NAME=VALUE``."""
-    return _split(text, "--set", "such as --set 2:series=down", known)
 
 
 def find_source(source: Source, text: str, option: str) -> SourceColumn:
