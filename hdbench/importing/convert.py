@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -127,11 +126,10 @@ class Conversion:
         return values
 
     def _cells(self, raw: NDArray[Any], row: int) -> FloatArray:
-        exact = None
         if not self.bits and not self.as_it_is:
             exact = _scaled(raw, Fraction(self.scale), Fraction(self.offset))
-        if exact is not None:
-            return exact
+            if exact is not None:
+                return exact
         values = np.empty(len(raw))
         for k, cell in enumerate(raw):
             number = decimal_cell(self.source, self.column.channel.name, cell, row + k)
@@ -140,10 +138,7 @@ class Conversion:
                 continue
             if self.bits:
                 number = Decimal(int(self._signed(np.array([float(number)]), row + k)[0]))
-            value = float(
-                number * self.scale + self.offset if self.scale != 1 or self.offset else number
-            )
-            values[k] = value
+            values[k] = float(number if self.as_it_is else number * self.scale + self.offset)
         return values
 
     @property
@@ -313,52 +308,6 @@ def _refused(target: str, source: Source, given: str, unit: str, other: str) -> 
         where=f"{source.path}, --map",
         fix=f"{other}; or '{target}={given}*1' to take it as it is",
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Derived:
-    """What is computed of other columns.
-
-    Parameters
-    ----------
-    torque_constant_nm_per_a : float or None
-        Torque per current, N m/A; None takes no torque from the current.
-    velocity_from_angle_hz : float or None
-        Cutoff of the low-pass behind the derivative of the angle, Hz; None takes none.
-    """
-
-    torque_constant_nm_per_a: float | None = None
-    velocity_from_angle_hz: float | None = None
-
-
-def derived_columns(
-    columns: Mapping[str, FloatArray], derived: Derived, where: str
-) -> tuple[dict[str, FloatArray], dict[str, list[str]]]:
-    """Return the derived columns and what was done for each."""
-    made: dict[str, FloatArray] = {}
-    done: dict[str, list[str]] = {}
-    constant = derived.torque_constant_nm_per_a
-    if constant is not None:
-        _check_derived(columns, "motor_current_a", "torque_nm", "--torque-constant")
-        made["torque_nm"] = columns["motor_current_a"] * constant
-        done["torque_nm"] = [f"motor_current_a times {constant!r} N m/A"]
-    cutoff = derived.velocity_from_angle_hz
-    if cutoff is not None:
-        _check_derived(columns, "motor_angle_rad", "motor_velocity_rad_s", "--velocity-from-angle")
-        velocity, told = zero_phase_velocity(
-            columns["time_s"], columns["motor_angle_rad"], cutoff, where
-        )
-        made["motor_velocity_rad_s"], done["motor_velocity_rad_s"] = velocity, told
-    return made, done
-
-
-def _check_derived(columns: Mapping[str, FloatArray], needed: str, made: str, option: str) -> None:
-    if needed not in columns:
-        fix = f"give --map {needed}=COLUMN"
-        raise UsageError(f"no column {needed} to take {made} from", where=option, fix=fix)
-    if made in columns:
-        fix = f"leave {option} or the --map of {made} out"
-        raise UsageError(f"{made} is mapped and derived", where=option, fix=fix)
 
 
 def zero_phase_velocity(

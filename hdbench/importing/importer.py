@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError, StorageError, UsageError
-from hdbench.importing.convert import Conversion, Derived, conversion, decimal_cell
+from hdbench.importing.convert import Conversion, conversion, decimal_cell
 from hdbench.importing.layout import EPOCH_1904_S
 from hdbench.importing.mapping import Entry, SourceColumn, find_source
 from hdbench.importing.recipe import Recipe, known_columns
@@ -227,9 +227,7 @@ def import_files(
             if recipe.kind == "loads":
                 report = _loads(parts, staged, out, notes, arm)
             else:
-                derived = Derived(recipe.torque_constant_nm_per_a, recipe.velocity_from_angle_hz)
-                rate, kept = recipe.rate_hz, recipe.keep_time
-                joined = joined_trace(parts, derived, rate_hz=rate, keep_time=kept)
+                joined = joined_trace(parts, recipe)
                 notes += joined.notes
                 write_trace(staged, joined.trace)
                 # what is read back takes as much memory
