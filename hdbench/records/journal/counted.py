@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from hdbench.records.loads import LoadReading, Loads
 from hdbench.records.storage import write_atomic
 from hdbench.records.tables.csvtext import quoted
 from hdbench.records.tables.loadsfile import SEQUENCE_NAME
-from hdbench.records.tables.tracefile import rows_as_bytes
+from hdbench.records.tables.tracefile import trace_lines
 from hdbench.records.trace import FloatArray, Trace
 
 # rows converted at a time: bounds the memory that Python floats take on the way
@@ -139,22 +139,22 @@ class JournalSamples:
         StorageError
             If the disk is full or failed; an old file is then untouched.
         """
+        where = str(self.source) if isinstance(self.source, Path) else "<memory>"
         if not len(self) or "time_s" not in self.names:
-            raise self._error("no samples in the journal", "run the experiment again")
-        write_atomic(path, self._lines())
+            raise DataError(
+                "no samples in the journal", where=where, fix="run the experiment again"
+            )
+        write_atomic(path, trace_lines(self.names, self._pieces(), where))
 
-    def _lines(self) -> Iterator[bytes]:
-        yield (",".join(self.names) + "\n").encode()
-        last_s = -np.inf
+    def _pieces(self) -> Iterator[list[FloatArray]]:
+        """Yield the channels over some thousand rows at a time."""
         for blocks in self._chunks():
-            columns = [
+            yield [
                 np.concatenate(
                     [block.columns.get(name, np.full(block.rows, np.nan)) for block in blocks]
                 ).astype(np.float64)
                 for name in self.names
             ]
-            last_s = self._checked(columns, last_s)
-            yield rows_as_bytes(columns)
 
     def _chunks(self) -> Iterator[list[JournalBlock]]:
         waiting: list[JournalBlock] = []
@@ -167,20 +167,6 @@ class JournalSamples:
                 waiting, rows = [], 0
         if waiting:
             yield waiting
-
-    def _checked(self, columns: Sequence[FloatArray], last_s: float) -> float:
-        """Refuse what `write_trace` refuses; return the last time, s."""
-        time_s = columns[self.names.index("time_s")]
-        steps = np.diff(time_s, prepend=last_s)
-        infinite = any(np.isinf(values).any() for values in columns)
-        if infinite or not (np.isfinite(time_s).all() and (steps > 0.0).all()):
-            what = "a sample is infinite" if infinite else "time_s does not increase strictly"
-            raise self._error(what, "this trace cannot be stored")
-        return float(time_s[-1])
-
-    def _error(self, what: str, fix: str) -> DataError:
-        where = self.source if isinstance(self.source, Path) else "<memory>"
-        return DataError(what, where=str(where), fix=fix)
 
 
 def survey_samples(
