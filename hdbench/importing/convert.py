@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Any
@@ -11,14 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.cells import MISSING, stamp_seconds
-from hdbench.importing.mapping import WORDS, SourceColumn
-from hdbench.importing.source import Source
-from hdbench.importing.units import target_unit, unit_scale
+from hdbench.importing.source import Channel, Source, find_channel, listed
+from hdbench.importing.units import known_unit, target_unit, unit_scale
 from hdbench.records.tables.csvtext import plain_matrix
 from hdbench.records.trace import FloatArray
 
+# what may be declared behind a channel beside its unit
+WORDS = ("int8", "int16", "int32", "wrapped", "output", "motor", "zero")
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_LINEAR = re.compile(
+    rf"(?P<name>.+?)(?:(?P<sign>[*/])(?P<scale>-?{_NUMBER}))?(?P<offset>[+-]{_NUMBER})?"
+)
 _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
 # what turns with the shaft: on the joint side these are smaller by the gear ratio
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
@@ -31,6 +38,84 @@ _EVEN_SHARE = 0.01
 # nothing can be told; of one shaft in one unit the median is nearer to 1, for other units and
 # gears are off by far more
 _LEAST_PAIRS, _MOST_SCATTER, _ALIKE = 20, 0.2, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class SourceColumn:
+    """A channel of a foreign file and what turns its numbers into ours.
+
+    Parameters
+    ----------
+    channel : Channel
+        The channel.
+    scale, offset : Decimal
+        value = number * scale + offset.
+    plain : bool
+        Whether neither scale nor offset was given; a scale of 1 that was given is one.
+    words : tuple of str
+        Declared conversions, in the order of the text.
+    """
+
+    channel: Channel
+    scale: Decimal = Decimal(1)
+    offset: Decimal = Decimal(0)
+    plain: bool = True
+    words: tuple[str, ...] = ()
+
+
+def find_source(source: Source, text: str, option: str) -> SourceColumn:
+    """Return the channel that `text` means; a channel's own name goes before arithmetic."""
+    exact = find_channel(source, text)
+    if exact is not None:
+        return SourceColumn(exact)
+    rest, *words = text.split("@")
+    column = _linear(source, rest, option) if words else None
+    if column is None:
+        column = _linear(source, text, option)
+        words = [] if column is not None else words
+    if column is None:
+        raise _no_channel(source, rest, option)
+    for word in words:
+        if word not in WORDS and not known_unit(word):
+            raise UsageError(
+                f"{word!r:.40} behind {rest!r:.60} is neither a unit nor a conversion",
+                where=option,
+                fix=f"give a unit such as deg, rpm, ms, mV, or one of {', '.join(WORDS)}",
+            )
+    return replace(column, words=tuple(words))
+
+
+def _linear(source: Source, text: str, option: str) -> SourceColumn | None:
+    exact = find_channel(source, text)
+    if exact is not None:
+        return SourceColumn(exact)
+    match = _LINEAR.fullmatch(text)
+    channel = None if match is None else find_channel(source, match["name"])
+    if match is None or channel is None:
+        return None
+    scale = Decimal(match["scale"] or 1)
+    if scale == 0:
+        raise UsageError(f"scale 0 in {text!r:.80}", where=option, fix="give another scale")
+    if match["sign"] == "/":
+        scale = 1 / scale
+    return SourceColumn(channel, scale, Decimal(match["offset"] or 0), plain=False)
+
+
+def _no_channel(source: Source, text: str, option: str) -> HdbenchError:
+    if any(note.startswith(f"{text} = ") for note in source.notes):
+        return DataError(
+            f"{text!r:.80} is a single number, 1 row; needed: at least 2",
+            where=str(source.path),
+            fix="record again, or check that this is the right file",
+        )
+    names = [channel.name for channel in source.channels]
+    near = difflib.get_close_matches(text, names, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return UsageError(
+        f"no column {text!r:.80} in {source.path}",
+        where=option,
+        fix=f"{hint}columns: {listed(names)}",
+    )
 
 
 @dataclass(frozen=True, slots=True)

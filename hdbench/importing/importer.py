@@ -14,10 +14,15 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError, StorageError, UsageError
-from hdbench.importing.convert import Conversion, conversion, decimal_cell
+from hdbench.importing.convert import (
+    Conversion,
+    SourceColumn,
+    conversion,
+    decimal_cell,
+    find_source,
+)
 from hdbench.importing.layout import EPOCH_1904_S
-from hdbench.importing.mapping import Entry, SourceColumn, find_source
-from hdbench.importing.recipe import Recipe, known_columns
+from hdbench.importing.recipe import Entry, Recipe, known_columns
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.trace import Part, joined_trace

@@ -6,16 +6,15 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from hdbench.errors import DataError
+from hdbench.errors import DataError, UsageError
 from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.mapping import Entry, parse_entry
 from hdbench.importing.source import Asked
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
@@ -33,9 +32,49 @@ _Rate = Annotated[
 ]
 
 
+_EXAMPLES = {"--map": "torque_nm=Torque*0.001", "--set": "2:series=down"}
+_TARGET = re.compile(r"(?:(?P<file>[1-9]\d{0,3}):)?(?P<target>[a-z][a-z0-9_]*)=(?P<rest>.+)")
+
+
 def known_columns(kind: str) -> tuple[str, ...]:
     """Return the column names of the contract for ``trace`` or ``loads``."""
     return _COLUMNS[kind]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One ``--map`` or ``--set``: where a column comes from, or the value in every row.
+
+    Parameters
+    ----------
+    target : str
+        Column name of the contract.
+    text : str
+        The value, or ``COLUMN``, ``COLUMN*SCALE``, ``COLUMN/SCALE``, each with ``+OFFSET`` or
+        ``-OFFSET``, and declared conversions behind it: ``COLUMN@deg@wrapped``.
+    file : int or None
+        Number of the file, from 1, that it is about; None for all.
+    """
+
+    target: str
+    text: str
+    file: int | None = None
+
+
+def parse_entry(option: str, text: str, known: Sequence[str]) -> Entry:
+    """Parse ``[FILE_NUMBER:]NAME=...`` of ``--map`` or ``--set``."""
+    match = _TARGET.fullmatch(text)
+    if match is None:
+        raise UsageError(
+            f"found {text!r:.80}; needed: [FILE_NUMBER:]NAME=...",
+            where=option,
+            fix=f"such as {option} {_EXAMPLES[option]}",
+        )
+    target = match["target"]
+    near = difflib.get_close_matches(target, known, n=1, cutoff=0.75)
+    if target not in known and near:
+        raise UsageError(f"no column {target!r}", where=option, fix=f"did you mean {near[0]!r}?")
+    return Entry(target, match["rest"], int(match["file"]) if match["file"] else None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from hdbench.calibration.staircase.importing import StaircasePlan, import_stairc
 from hdbench.calibration.staircase.plateaus import find_glitches, find_plateaus, find_stuck
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.mapping import Entry
+from hdbench.importing.recipe import Entry
 from hdbench.profile import load_profile
 from hdbench.records.tables import read_loads
 

@@ -10,9 +10,8 @@ import pytest
 
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.importer import import_files
-from hdbench.importing.mapping import parse_entry
 from hdbench.importing.readers import text as text_module
-from hdbench.importing.recipe import Recipe, known_columns
+from hdbench.importing.recipe import Recipe, known_columns, parse_entry
 from hdbench.records import read_loads, read_trace
 
 DATA = os.environ.get("HDBENCH_DATA")

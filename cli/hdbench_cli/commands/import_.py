@@ -242,8 +242,7 @@ def _staircase(
 ) -> None:
     """Bring in raw readings under changing weights, and tell what was found."""
     from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
-    from hdbench.importing.mapping import parse_entry
-    from hdbench.importing.recipe import known_columns
+    from hdbench.importing.recipe import known_columns, parse_entry
     from hdbench.records import result_header
 
     if len(files) != 1:
