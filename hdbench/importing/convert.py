@@ -17,7 +17,7 @@ from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.cells import MISSING, stamp_seconds
 from hdbench.importing.source import Channel, Source, find_channel, listed
 from hdbench.importing.units import known_unit, target_unit, unit_scale
-from hdbench.records.tables.csvtext import plain_matrix
+from hdbench.records.csvtext import plain_matrix
 from hdbench.records.trace import FloatArray
 
 # what may be declared behind a channel beside its unit

@@ -26,11 +26,12 @@ from hdbench.importing.recipe import Entry, Recipe, known_columns
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.trace import Part, joined_trace
-from hdbench.records.loads import LOADS_COLUMNS
+from hdbench.records.csvtext import quoted
+from hdbench.records.loads import LOADS_COLUMNS, ArmLike, read_loads
 from hdbench.records.provenance import write_provenance
 from hdbench.records.storage import publish, staged_path, write_atomic
-from hdbench.records.tables import ArmLike, quoted, read_loads, read_trace, write_trace
 from hdbench.records.trace import FloatArray
+from hdbench.records.tracefile import read_trace, write_trace
 
 # a device has at most some 100 channels with a line each; a person reads no more than these
 _SHOWN_LINES, _SHOWN_CHARACTERS = 20, 120

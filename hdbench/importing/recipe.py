@@ -16,9 +16,10 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.layout import ForeignFormat
 from hdbench.importing.source import Asked
+from hdbench.records.csvtext import read_text
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
-from hdbench.records.tables import TRACE_COLUMNS, read_text
+from hdbench.records.tracefile import TRACE_COLUMNS
 
 _COLUMNS = {"trace": TRACE_COLUMNS, "loads": (*LOADS_COLUMNS, *LOADS_OPTIONAL)}
 _DELIMITERS = {"auto": None, "comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}

@@ -16,31 +16,9 @@ from pydantic import (
     model_validator,
 )
 
-from hdbench.profile.acquiring import Acquisition, AnyAcquisition
+from hdbench.profile.acquiring import AnyAcquisition
 from hdbench.profile.calibrating import Arm, CalibrationPlan, Identity, Standards
 from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
-
-__all__ = [
-    "Acquisition",
-    "Arm",
-    "CalibrationPlan",
-    "Drive",
-    "Encoder",
-    "FilterSettings",
-    "HarmonicParameters",
-    "Identity",
-    "Limits",
-    "MisalignmentParameters",
-    "MisalignmentPlan",
-    "ModelParameters",
-    "ProfileData",
-    "ReferenceWave",
-    "RipplePlan",
-    "Sensor",
-    "Servo",
-    "Standards",
-    "Tacho",
-]
 
 # shares of a period given as decimals add up to 1 within a few roundings
 _SHARE_ROUNDING = 1e-12

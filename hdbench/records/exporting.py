@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
 from hdbench.records.jsonfile import read_json
-from hdbench.records.loads import Loads
+from hdbench.records.loads import ArmLike, Loads, is_loads_file, read_loads
 from hdbench.records.provenance import input_identity
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RUN_SCHEMA
 from hdbench.records.storage import write_atomic
-from hdbench.records.tables import ArmLike, is_loads_file, read_loads, read_trace
+from hdbench.records.tracefile import read_trace
 
 # longest first: `_rad_s` ends in `_s` too
 _UNITS = {

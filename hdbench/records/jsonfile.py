@@ -10,9 +10,7 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.storage import file_bytes, sha256_file, write_atomic
-
-__all__ = ["ProfileIdentity", "dumps", "read_json", "result_header", "sha256_file", "write_json"]
+from hdbench.records.storage import file_bytes, write_atomic
 
 # a diagnosis of an hour with every spectrum point stays below 100 MB
 _LIMIT_BYTES = 256 << 20

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError, nothing_stored
-from hdbench.records.journal import (
+from hdbench.records.counted import (
     JournalSummary,
     journal_loads,
-    read_journal,
     summarize_journal,
     survey_samples,
     write_sequence,
 )
+from hdbench.records.journal import read_journal
+from hdbench.records.loads import write_loads
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import free_reserve, sha256_file
-from hdbench.records.tables import write_loads
 
 
 def _is_calibration(folder: RunFolder) -> bool:

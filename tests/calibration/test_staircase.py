@@ -17,7 +17,7 @@ from hdbench.errors import DataError, UsageError
 from hdbench.importing.layout import ForeignFormat
 from hdbench.importing.recipe import Entry
 from hdbench.profile import load_profile
-from hdbench.records.tables import read_loads
+from hdbench.records.loads import read_loads
 
 DATA = os.environ.get("HDBENCH_DATA")
 needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")

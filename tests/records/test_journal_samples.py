@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError, StorageError
+from hdbench.records import counted as module
 from hdbench.records import read_trace, write_trace
-from hdbench.records.journal import JournalWriter, read_journal, survey_samples
-from hdbench.records.journal import counted as module
+from hdbench.records.counted import survey_samples
+from hdbench.records.journal import JournalWriter, read_journal
 from hdbench.records.storage import RESERVE_NAME, check_space, free_reserve, keep_reserve
 
 

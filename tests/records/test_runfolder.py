@@ -14,16 +14,15 @@ import pytest
 
 from hdbench.errors import DataError, StorageError
 from hdbench.records import (
-    JournalWriter,
     RunFolder,
     list_runs,
     read_loads,
     read_trace,
-    recover_run,
     resolve_input,
-    verify_run,
     verify_runs,
 )
+from hdbench.records.journal import JournalWriter
+from hdbench.records.recovery import recover_run, verify_run
 
 MOMENT = datetime(2026, 11, 21, 10, 15, tzinfo=UTC)
 # no process has this number: it is above the largest that Linux gives out
@@ -233,7 +232,8 @@ import sys
 import numpy as np
 from pathlib import Path
 from hdbench.profile import load_profile
-from hdbench.records import JournalWriter, RunFolder
+from hdbench.records import RunFolder
+from hdbench.records.journal import JournalWriter
 folder = RunFolder.create(
     Path(sys.argv[1]), kind="ripple", profile=load_profile("cim-tr-97-06"), details={}
 )

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hdbench.errors import DataError
-from hdbench.records import Trace, read_trace, write_trace
-from hdbench.records.tables import csvtext, tracefile
+from hdbench.records import Trace, csvtext, read_trace, tracefile, write_trace
 
 GOOD = "time_s,torque_nm,motor_velocity_rad_s\n0.0,1.5,10\n0.001,2.5,11\n0.002,3.5,12\n"
 

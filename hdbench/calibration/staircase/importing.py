@@ -20,9 +20,8 @@ from hdbench.importing.recipe import Entry
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.profile.calibrating import Arm
-from hdbench.records.loads import LoadReading, Loads
+from hdbench.records.loads import LoadReading, Loads, read_loads, write_loads
 from hdbench.records.storage import publish, staged_path
-from hdbench.records.tables import read_loads, write_loads
 from hdbench.records.trace import FloatArray
 
 _PLACE = ("experiment", "position_rad", "range", "direction")

@@ -15,7 +15,7 @@ from hdbench.errors import DataError
 from hdbench.importing.layout import SEARCHED_LINES, table_layout
 from hdbench.importing.readers.text import CellsSource, CellTable
 from hdbench.importing.source import Source, listed
-from hdbench.records.tables import data_error
+from hdbench.records.csvtext import data_error
 
 _FORM = "Excel workbook"
 # texts that cells share are read as a whole; numbers are not among them

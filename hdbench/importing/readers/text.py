@@ -35,8 +35,7 @@ from hdbench.importing.source import (
     told_apart,
 )
 from hdbench.importing.units import is_time_name, stated_unit
-from hdbench.records.tables import data_error
-from hdbench.records.tables.csvtext import parse_numbers
+from hdbench.records.csvtext import data_error, parse_numbers
 from hdbench.records.trace import FloatArray
 
 # no line of a table is longer: a thousand columns of a hundred characters

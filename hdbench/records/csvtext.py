@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.errors import DataError
+from hdbench.records.parquetfile import PARQUET, parquet_names
 from hdbench.records.storage import file_bytes, read_failure
-from hdbench.records.tables.parquetfile import PARQUET, parquet_names
 from hdbench.records.trace import FloatArray
 
 _LIMIT_COLUMNS = 1000

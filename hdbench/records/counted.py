@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.journal.file import JournalBlock, JournalContent, JournalReader
-from hdbench.records.loads import LoadReading, Loads
+from hdbench.records.csvtext import quoted
+from hdbench.records.journal import JournalBlock, JournalContent, JournalReader
+from hdbench.records.loads import SEQUENCE_NAME, LoadReading, Loads
 from hdbench.records.storage import write_atomic
-from hdbench.records.tables.csvtext import quoted
-from hdbench.records.tables.loadsfile import SEQUENCE_NAME
-from hdbench.records.tables.tracefile import trace_lines
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.records.tracefile import trace_lines
 
 # rows converted at a time: bounds the memory that Python floats take on the way
 _CHUNK_ROWS = 20_000

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.storage import write_atomic
-from hdbench.records.tables.csvtext import (
+from hdbench.records.csvtext import (
     IMPORT_FIX,
     LIMIT_BYTES,
     Table,
@@ -23,7 +22,8 @@ from hdbench.records.tables.csvtext import (
     quoted,
     read_raw,
 )
-from hdbench.records.tables.parquetfile import PARQUET, parquet_columns
+from hdbench.records.parquetfile import PARQUET, parquet_columns
+from hdbench.records.storage import write_atomic
 from hdbench.records.trace import FloatArray, Trace
 
 TRACE_COLUMNS = (
