@@ -42,25 +42,15 @@ _LEAST_PAIRS, _MOST_SCATTER, _ALIKE = 20, 0.2, 0.1
 
 @dataclass(frozen=True, slots=True)
 class SourceColumn:
-    """A channel of a foreign file and what turns its numbers into ours.
-
-    Parameters
-    ----------
-    channel : Channel
-        The channel.
-    scale, offset : Decimal
-        value = number * scale + offset.
-    plain : bool
-        Whether neither scale nor offset was given; a scale of 1 that was given is one.
-    words : tuple of str
-        Declared conversions, in the order of the text.
-    """
+    """A channel of a foreign file and what turns its numbers into ours."""
 
     channel: Channel
+    # value = number * scale + offset
     scale: Decimal = Decimal(1)
     offset: Decimal = Decimal(0)
+    # whether neither scale nor offset was given; a scale of 1 that was given is one
     plain: bool = True
-    words: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()  # declared conversions, in the order of the text
 
 
 def find_source(source: Source, text: str, option: str) -> SourceColumn:
@@ -120,37 +110,18 @@ def _no_channel(source: Source, text: str, option: str) -> HdbenchError:
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """What is done to the numbers of one channel.
-
-    Parameters
-    ----------
-    target : str
-        Our column.
-    source : Source
-        The file.
-    column : SourceColumn
-        The channel with its arithmetic.
-    unit : str
-        Unit that the numbers were declared in; empty for ours.
-    factor : Decimal
-        Ours per declared unit.
-    bits : int
-        Width of a two's complement that was stored without sign; 0 for none.
-    wrapped, from_zero : bool
-        Whether whole turns are put back, and whether the first sample becomes 0.
-    ratio : float
-        Gear ratio from the joint to the motor; 1 on the motor side.
-    """
+    """What is done to the numbers of one channel."""
 
     target: str
     source: Source
-    column: SourceColumn
-    unit: str = ""
-    factor: Decimal = Decimal(1)
-    bits: int = 0
+    column: SourceColumn  # the channel with its arithmetic
+    unit: str = ""  # unit that the numbers were declared in; empty for ours
+    factor: Decimal = Decimal(1)  # ours per declared unit
+    bits: int = 0  # width of a two's complement that was stored without sign; 0 for none
+    # whether whole turns are put back, and whether the first sample becomes 0
     wrapped: bool = False
     from_zero: bool = False
-    ratio: float = 1.0
+    ratio: float = 1.0  # gear ratio from the joint to the motor; 1 on the motor side
 
     @property
     def scale(self) -> Decimal:

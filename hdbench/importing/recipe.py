@@ -44,22 +44,13 @@ def known_columns(kind: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One ``--map`` or ``--set``: where a column comes from, or the value in every row.
+    """One ``--map`` or ``--set``: where a column comes from, or the value in every row."""
 
-    Parameters
-    ----------
-    target : str
-        Column name of the contract.
-    text : str
-        The value, or ``COLUMN``, ``COLUMN*SCALE``, ``COLUMN/SCALE``, each with ``+OFFSET`` or
-        ``-OFFSET``, and declared conversions behind it: ``COLUMN@deg@wrapped``.
-    file : int or None
-        Number of the file, from 1, that it is about; None for all.
-    """
-
-    target: str
+    target: str  # column name of the contract
+    # the value, or `COLUMN`, `COLUMN*SCALE`, `COLUMN/SCALE`, each with `+OFFSET` or `-OFFSET`,
+    # and declared conversions behind it: `COLUMN@deg@wrapped`
     text: str
-    file: int | None = None
+    file: int | None = None  # number of the file, from 1, that it is about; None for all
 
 
 def parse_entry(option: str, text: str, known: Sequence[str]) -> Entry:

@@ -28,43 +28,21 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One channel of a file.
+    """One channel of a file."""
 
-    Parameters
-    ----------
-    name : str
-        Unique in the file; parts are separated by ``/``.
-    unit : str
-        As the file states it; empty text where it states none.
-    clock : str
-        Channels of one clock have their samples at the same times.
-    is_time : bool
-        Whether it is the time of its clock.
-    rows : int or None
-        Number of samples where that is known without reading them.
-    """
-
-    name: str
-    unit: str = ""
-    clock: str = ""
-    is_time: bool = False
-    rows: int | None = None
+    name: str  # unique in the file; parts are separated by `/`
+    unit: str = ""  # as the file states it; empty text where it states none
+    clock: str = ""  # channels of one clock have their samples at the same times
+    is_time: bool = False  # whether it is the time of its clock
+    rows: int | None = None  # number of samples where that is known without reading them
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Which channels of a file are of interest.
+    """Which channels of a file are of interest."""
 
-    Parameters
-    ----------
-    topic : str or None
-        Topic, sheet, group or folder of channels; None for all.
-    joint : str or None
-        Joint; None for all.
-    """
-
-    topic: str | None = None
-    joint: str | None = None
+    topic: str | None = None  # topic, sheet, group or folder of channels; None for all
+    joint: str | None = None  # joint; None for all
 
     def left(self, channels: Sequence[Channel]) -> list[Channel]:
         """Return the channels that are asked for; what is of no joint stays, and every time."""
@@ -101,15 +79,7 @@ def _around(name: str, joint: str) -> list[tuple[str, str]]:
 
 
 class Source(ABC):
-    """A foreign file that is open for reading.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    form : str
-        What kind of file it is, for people.
-    """
+    """A foreign file that is open for reading."""
 
     def __init__(self, path: Path, form: str) -> None:
         self.path = path

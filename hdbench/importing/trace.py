@@ -24,43 +24,22 @@ _GAP_STEPS = 3.5
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One file and what is taken from it.
-
-    Parameters
-    ----------
-    source : Source
-        The file.
-    conversions : mapping of str to Conversion
-        By our column; ``time_s`` is not there where the rate stands for it.
-    constants : mapping of str to str
-        Columns with one value.
-    """
+    """One file and what is taken from it."""
 
     source: Source
+    # by our column; `time_s` is not there where the rate stands for it
     conversions: Mapping[str, Conversion]
-    constants: Mapping[str, str]
+    constants: Mapping[str, str]  # columns with one value
 
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """What came out.
-
-    Parameters
-    ----------
-    trace : Trace
-        The trace.
-    origin : Decimal or None
-        Time that became 0, s; None where the time was kept.
-    done : dict of str to list of str
-        What was done for each column, step by step.
-    notes : list of str
-        What a person should know.
-    """
+    """What came out."""
 
     trace: Trace
-    origin: Decimal | None
-    done: dict[str, list[str]]
-    notes: list[str]
+    origin: Decimal | None  # time that became 0, s; None where the time was kept
+    done: dict[str, list[str]]  # what was done for each column, step by step
+    notes: list[str]  # what a person should know
 
 
 @dataclass(slots=True)

@@ -110,14 +110,9 @@ class ByDriver:
 
     The tables are looked up when the first profile is checked, not on import: those of other
     packages import this module.
-
-    Parameters
-    ----------
-    part : bool
-        Whether it is a part of a composite, and therefore no composite itself.
     """
 
-    part: bool = False
+    part: bool = False  # whether it is a part of a composite, and therefore no composite itself
 
     def tables(self) -> dict[str, type[Acquisition]]:
         """Return every table by the name of its driver."""

@@ -295,8 +295,6 @@ def _tuples(value: Any) -> Any:
 def profile_from_json(text: str) -> ProfileData:
     """Return the profile that another process has written as JSON.
 
-    Notes
-    -----
     JSON has lists where a profile has tuples, and a table that fills in keys before it is checked
     (a composite) is then checked strictly.
     """

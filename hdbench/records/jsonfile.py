@@ -52,25 +52,7 @@ def _plain(value: object) -> object:
 
 
 def dumps(obj: object) -> str:
-    """Return `obj` as JSON text with two blanks of indent.
-
-    Parameters
-    ----------
-    obj : object
-        Mappings, sequences, text, finite numbers, booleans, None; NumPy values are accepted.
-
-    Returns
-    -------
-    str
-        Text that ends with a newline; floats in their shortest form that reads back exactly.
-
-    Raises
-    ------
-    ValueError
-        If a number is NaN or infinite: a result must never hold one.
-    TypeError
-        If a value has no JSON form.
-    """
+    """Return `obj` as JSON text with two blanks of indent."""
     return json.dumps(obj, allow_nan=False, indent=2, default=_plain) + "\n"
 
 

@@ -131,23 +131,12 @@ class Loads:
 
 @dataclass(frozen=True, slots=True)
 class SequenceEntry:
-    """One thing that happened.
+    """One thing that happened."""
 
-    Parameters
-    ----------
-    kind : str
-        ``zero``, ``preload``, ``reading``, ``shunt`` or ``remounted``.
-    experiment : str
-        Loading experiment that it belongs to; empty where it belongs to none.
-    superseded : str
-        Why a reading counts no more; empty where it counts.
-    time_s, torque_nm, reading_v : float or None
-        Time since the start, s; applied torque, N m; reading, V. None where not told.
-    """
-
-    kind: str
-    experiment: str
-    superseded: str
+    kind: str  # `zero`, `preload`, `reading`, `shunt` or `remounted`
+    experiment: str  # loading experiment that it belongs to; empty where it belongs to none
+    superseded: str  # why a reading counts no more; empty where it counts
+    # time since the start, s; applied torque, N m; reading, V. None where not told
     time_s: float | None
     torque_nm: float | None
     reading_v: float | None
@@ -318,22 +307,7 @@ def _cell(value: object) -> str:
 
 
 def write_loads(path: Path, loads: Loads) -> None:
-    """Write loads atomically; `read_loads` gives the same readings back.
-
-    Parameters
-    ----------
-    path : Path
-        ``.csv`` file to write or replace.
-    loads : Loads
-        The readings; optional columns are written where any reading has them.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full or failed; an old file is then untouched.
-    DataError
-        If there is no reading or a number is not finite.
-    """
+    """Write loads atomically; `read_loads` gives the same readings back."""
     if not loads.readings:
         raise DataError("no readings", where=loads.source, fix="take at least one reading")
     optional = [

@@ -37,12 +37,6 @@ def _is_special(path: Path) -> bool:
     return path.exists() and not (path.is_file() or path.is_dir())
 
 
-def _write_special(path: Path, chunks: bytes | Iterable[bytes]) -> None:
-    with path.open("wb") as file:
-        for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
-            file.write(chunk)
-
-
 def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
     """Write a whole file: temporary file beside it, sync, rename, sync of the folder.
 
@@ -61,14 +55,15 @@ def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
     """
     path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    chunks = (chunks,) if isinstance(chunks, bytes) else chunks
     try:
         if _is_special(path):
-            _write_special(path, chunks)
+            with path.open("wb") as special:
+                special.writelines(chunks)
             return
         try:
             with temporary.open("xb") as file:
-                for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
-                    file.write(chunk)
+                file.writelines(chunks)
                 file.flush()
                 sync_file(file.fileno())
             temporary.replace(path)
@@ -88,7 +83,7 @@ def publish(staged: Path, path: Path) -> None:
     """Give checked content its name."""
     try:
         if _is_special(path):
-            _write_special(path, staged.read_bytes())
+            path.write_bytes(staged.read_bytes())
             staged.unlink()
             return
         staged.replace(path)
@@ -156,22 +151,7 @@ def file_bytes(path: Path, **needed: Any) -> bytes:
 
 
 def sha256_file(path: Path) -> str:
-    """Return the SHA-256 of a file as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    DataError
-        If the file cannot be read.
-    """
+    """Return the SHA-256 of a file as 64 hexadecimal digits."""
     digest = hashlib.sha256()
     try:
         with Path(path).open("rb") as file:

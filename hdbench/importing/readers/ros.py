@@ -67,17 +67,6 @@ class RosMessage:
 
     Both wire forms are read: CDR of ROS 2 (aligned, either byte order) and that of ROS 1 (packed,
     little-endian). The definition may come from the file, so nothing of it is ever executed.
-
-    Parameters
-    ----------
-    types : mapping
-        Definitions by name: constants, and pairs of name and description of each field.
-    data : bytes
-        The message.
-    name : str
-        Its type.
-    ros2 : bool
-        Whether it is CDR.
     """
 
     def __init__(self, types: Mapping[str, Any], data: bytes, name: str, *, ros2: bool) -> None:
