@@ -13,12 +13,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from hdbench.errors import ProfileError
 from hdbench.profile.acquiring import Acquisition, NodeAcquisition, driver_table
-from hdbench.profile.schema import Name, ProfileData
+from hdbench.profile.schema import ProfileData
 from hdbench.profile.tables import CONFLICT, Conflict
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
@@ -321,16 +321,20 @@ def parse_profile(text: str, path: str) -> Profile:
         If anything is wrong. ``problems`` holds every problem at once, in the order of the lines,
         each with file and line, key, what was found and what is needed with its unit.
     """
-    raw = _tuples(read_toml(text, path))
+    data = _checked(_tuples(read_toml(text, path)), path, text)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return Profile(data, text, digest, path, data.identity.drive_serial)
+
+
+def _checked(body: dict[str, Any], path: str, text: str = "") -> ProfileData:
+    """Return a profile, or raise all that is wrong with it."""
     try:
-        data = ProfileData.model_validate(raw)
+        return ProfileData.model_validate(body)
     except ValidationError as error:
         lines = key_lines(text)
         entries = error.errors(include_url=False)
         found = [one for entry in entries for one in schema_problems(path, lines, entry)]
-        raise _all_problems(path, found) from None
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    return Profile(data, text, digest, path, data.identity.drive_serial)
+        raise _all_problems(path, found) from error
 
 
 def check_loads(profile: Profile) -> None:
@@ -446,47 +450,21 @@ def new_profile(name: str, filled: Mapping[str, tuple[Any, str]] | None = None) 
     ProfileError
         If `name` is not such a name, or a value is outside of its domain.
     """
-    try:
-        TypeAdapter(Name).validate_python(name)
-    except ValidationError as error:
-        raise ProfileError(
-            f"name {name!r:.80}; needed: small letters, digits, '.', '_' and '-', at most 64",
-            where="name of the new profile",
-            fix="choose another name",
-        ) from error
-    start = load_profile(_START).data
-    changes: Mapping[str, Any] = {"name": name, "description": f"bench {name}"}
+    body = load_profile(_START).data.model_dump()
+    body |= {"name": name, "description": f"bench {name}"}
+    for key, (value, _) in (filled or {}).items():
+        *tables, last = key.split(".")
+        table = body
+        for part in tables:
+            table = table[part]
+        table[last] = value
+    data = _checked(body, "the new profile")
     what = f"Every value is still that of {_START}: go through them one by one."
     if filled:
         what = f"What bears no reason is still that of {_START}: go through it."
     lines = [
         f"# A new bench. {what}",
         "# Units stand in the key names; 'hdbench profile check FILE' checks this file.",
-        *_table(
-            _changed(start, filled or {}).model_copy(update=changes),
-            "",
-            "",
-            {key: why for key, (_, why) in (filled or {}).items()},
-        ),
+        *_table(data, "", "", {key: why for key, (_, why) in (filled or {}).items()}),
     ]
     return "\n".join(lines) + "\n"
-
-
-def _changed(start: ProfileData, filled: Mapping[str, tuple[Any, str]]) -> ProfileData:
-    """Return a profile with other values."""
-    body = start.model_dump()
-    for key, (value, _) in filled.items():
-        *tables, last = key.split(".")
-        table = body
-        for part in tables:
-            table = table[part]
-        table[last] = value
-    try:
-        return ProfileData.model_validate(body)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ProfileError(
-            f"{'.'.join(map(str, first['loc']))}: {first['msg']}; found {first['input']!r:.60}",
-            where="values of the new profile",
-            fix="give another value",
-        ) from error

@@ -57,8 +57,7 @@ class ArraySource(Source):
         arrays: Sequence[NamedArray],
         close: Callable[[], None] | None = None,
     ) -> None:
-        super().__init__(path, form)
-        self._close = close
+        super().__init__(path, form, close)
         made: list[tuple[Channel, _Column]] = []
         told: list[str] = []
         for array in arrays:
@@ -86,11 +85,6 @@ class ArraySource(Source):
                 values = numbers(column.take(read[key]))
                 piece[name] = np.full(count, np.nan) if values is None else values
             yield piece
-
-    def close(self) -> None:
-        """Give the file back."""
-        if self._close is not None:
-            self._close()
 
 
 def _channels(array: NamedArray) -> list[tuple[Channel, _Column]]:

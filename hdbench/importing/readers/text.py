@@ -63,8 +63,14 @@ class CellTable:
 class CellsSource(Source):
     """Tables of cells as a source of channels."""
 
-    def __init__(self, path: Path, form: str, tables: Sequence[CellTable]) -> None:
-        super().__init__(path, form)
+    def __init__(
+        self,
+        path: Path,
+        form: str,
+        tables: Sequence[CellTable],
+        close: Callable[[], None] | None = None,
+    ) -> None:
+        super().__init__(path, form, close)
         self._tables = {table.prefix: table for table in tables}
         channels: list[Channel] = []
         probes: list[list[str]] = []
