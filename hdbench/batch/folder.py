@@ -20,8 +20,9 @@ from typing import Any, BinaryIO
 from hdbench.batch.fingerprint import stamps_of
 from hdbench.batch.inputs import Input
 from hdbench.errors import BusyError, DataError, UsageError
+from hdbench.records.csvtext import safe_cell
+from hdbench.records.parquetfile import require_parquet
 from hdbench.records.storage import storage_error, write_atomic
-from hdbench.records.tables import require_parquet, safe_cell
 from hdbench.system.files import lock_file
 
 # the same content fails or passes in the same way; anything else is worth another try

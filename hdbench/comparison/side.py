@@ -12,8 +12,8 @@ from hdbench.errors import DataError
 from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
+from hdbench.records.loads import read_loads
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tables import read_loads
 from hdbench.results import Part, read_result
 from hdbench.results.parts import Leaf, flatten
 

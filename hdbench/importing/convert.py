@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Any
@@ -12,14 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.cells import MISSING, stamp_seconds
-from hdbench.importing.mapping import WORDS, SourceColumn
-from hdbench.importing.source import Source
-from hdbench.importing.units import target_unit, unit_scale
-from hdbench.records.tables.csvtext import plain_matrix
+from hdbench.importing.source import Channel, Source, find_channel, listed
+from hdbench.importing.units import known_unit, target_unit, unit_scale
+from hdbench.records.csvtext import plain_matrix
 from hdbench.records.trace import FloatArray
 
+# what may be declared behind a channel beside its unit
+WORDS = ("int8", "int16", "int32", "wrapped", "output", "motor", "zero")
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_LINEAR = re.compile(
+    rf"(?P<name>.+?)(?:(?P<sign>[*/])(?P<scale>-?{_NUMBER}))?(?P<offset>[+-]{_NUMBER})?"
+)
 _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
 # what turns with the shaft: on the joint side these are smaller by the gear ratio
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
@@ -35,38 +41,87 @@ _LEAST_PAIRS, _MOST_SCATTER, _ALIKE = 20, 0.2, 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Conversion:
-    """What is done to the numbers of one channel.
+class SourceColumn:
+    """A channel of a foreign file and what turns its numbers into ours."""
 
-    Parameters
-    ----------
-    target : str
-        Our column.
-    source : Source
-        The file.
-    column : SourceColumn
-        The channel with its arithmetic.
-    unit : str
-        Unit that the numbers were declared in; empty for ours.
-    factor : Decimal
-        Ours per declared unit.
-    bits : int
-        Width of a two's complement that was stored without sign; 0 for none.
-    wrapped, from_zero : bool
-        Whether whole turns are put back, and whether the first sample becomes 0.
-    ratio : float
-        Gear ratio from the joint to the motor; 1 on the motor side.
-    """
+    channel: Channel
+    # value = number * scale + offset
+    scale: Decimal = Decimal(1)
+    offset: Decimal = Decimal(0)
+    # whether neither scale nor offset was given; a scale of 1 that was given is one
+    plain: bool = True
+    words: tuple[str, ...] = ()  # declared conversions, in the order of the text
+
+
+def find_source(source: Source, text: str, option: str) -> SourceColumn:
+    """Return the channel that `text` means; a channel's own name goes before arithmetic."""
+    exact = find_channel(source, text)
+    if exact is not None:
+        return SourceColumn(exact)
+    rest, *words = text.split("@")
+    column = _linear(source, rest, option) if words else None
+    if column is None:
+        column = _linear(source, text, option)
+        words = [] if column is not None else words
+    if column is None:
+        raise _no_channel(source, rest, option)
+    for word in words:
+        if word not in WORDS and not known_unit(word):
+            raise UsageError(
+                f"{word!r:.40} behind {rest!r:.60} is neither a unit nor a conversion",
+                where=option,
+                fix=f"give a unit such as deg, rpm, ms, mV, or one of {', '.join(WORDS)}",
+            )
+    return replace(column, words=tuple(words))
+
+
+def _linear(source: Source, text: str, option: str) -> SourceColumn | None:
+    exact = find_channel(source, text)
+    if exact is not None:
+        return SourceColumn(exact)
+    match = _LINEAR.fullmatch(text)
+    channel = None if match is None else find_channel(source, match["name"])
+    if match is None or channel is None:
+        return None
+    scale = Decimal(match["scale"] or 1)
+    if scale == 0:
+        raise UsageError(f"scale 0 in {text!r:.80}", where=option, fix="give another scale")
+    if match["sign"] == "/":
+        scale = 1 / scale
+    return SourceColumn(channel, scale, Decimal(match["offset"] or 0), plain=False)
+
+
+def _no_channel(source: Source, text: str, option: str) -> HdbenchError:
+    if any(note.startswith(f"{text} = ") for note in source.notes):
+        return DataError(
+            f"{text!r:.80} is a single number, 1 row; needed: at least 2",
+            where=str(source.path),
+            fix="record again, or check that this is the right file",
+        )
+    names = [channel.name for channel in source.channels]
+    near = difflib.get_close_matches(text, names, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return UsageError(
+        f"no column {text!r:.80} in {source.path}",
+        where=option,
+        fix=f"{hint}columns: {listed(names)}",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """What is done to the numbers of one channel."""
 
     target: str
     source: Source
-    column: SourceColumn
-    unit: str = ""
-    factor: Decimal = Decimal(1)
-    bits: int = 0
+    column: SourceColumn  # the channel with its arithmetic
+    unit: str = ""  # unit that the numbers were declared in; empty for ours
+    factor: Decimal = Decimal(1)  # ours per declared unit
+    bits: int = 0  # width of a two's complement that was stored without sign; 0 for none
+    # whether whole turns are put back, and whether the first sample becomes 0
     wrapped: bool = False
     from_zero: bool = False
-    ratio: float = 1.0
+    ratio: float = 1.0  # gear ratio from the joint to the motor; 1 on the motor side
 
     @property
     def scale(self) -> Decimal:
@@ -127,11 +182,10 @@ class Conversion:
         return values
 
     def _cells(self, raw: NDArray[Any], row: int) -> FloatArray:
-        exact = None
         if not self.bits and not self.as_it_is:
             exact = _scaled(raw, Fraction(self.scale), Fraction(self.offset))
-        if exact is not None:
-            return exact
+            if exact is not None:
+                return exact
         values = np.empty(len(raw))
         for k, cell in enumerate(raw):
             number = decimal_cell(self.source, self.column.channel.name, cell, row + k)
@@ -140,10 +194,7 @@ class Conversion:
                 continue
             if self.bits:
                 number = Decimal(int(self._signed(np.array([float(number)]), row + k)[0]))
-            value = float(
-                number * self.scale + self.offset if self.scale != 1 or self.offset else number
-            )
-            values[k] = value
+            values[k] = float(number if self.as_it_is else number * self.scale + self.offset)
         return values
 
     @property
@@ -313,52 +364,6 @@ def _refused(target: str, source: Source, given: str, unit: str, other: str) -> 
         where=f"{source.path}, --map",
         fix=f"{other}; or '{target}={given}*1' to take it as it is",
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Derived:
-    """What is computed of other columns.
-
-    Parameters
-    ----------
-    torque_constant_nm_per_a : float or None
-        Torque per current, N m/A; None takes no torque from the current.
-    velocity_from_angle_hz : float or None
-        Cutoff of the low-pass behind the derivative of the angle, Hz; None takes none.
-    """
-
-    torque_constant_nm_per_a: float | None = None
-    velocity_from_angle_hz: float | None = None
-
-
-def derived_columns(
-    columns: Mapping[str, FloatArray], derived: Derived, where: str
-) -> tuple[dict[str, FloatArray], dict[str, list[str]]]:
-    """Return the derived columns and what was done for each."""
-    made: dict[str, FloatArray] = {}
-    done: dict[str, list[str]] = {}
-    constant = derived.torque_constant_nm_per_a
-    if constant is not None:
-        _check_derived(columns, "motor_current_a", "torque_nm", "--torque-constant")
-        made["torque_nm"] = columns["motor_current_a"] * constant
-        done["torque_nm"] = [f"motor_current_a times {constant!r} N m/A"]
-    cutoff = derived.velocity_from_angle_hz
-    if cutoff is not None:
-        _check_derived(columns, "motor_angle_rad", "motor_velocity_rad_s", "--velocity-from-angle")
-        velocity, told = zero_phase_velocity(
-            columns["time_s"], columns["motor_angle_rad"], cutoff, where
-        )
-        made["motor_velocity_rad_s"], done["motor_velocity_rad_s"] = velocity, told
-    return made, done
-
-
-def _check_derived(columns: Mapping[str, FloatArray], needed: str, made: str, option: str) -> None:
-    if needed not in columns:
-        fix = f"give --map {needed}=COLUMN"
-        raise UsageError(f"no column {needed} to take {made} from", where=option, fix=fix)
-    if made in columns:
-        fix = f"leave {option} or the --map of {made} out"
-        raise UsageError(f"{made} is mapped and derived", where=option, fix=fix)
 
 
 def zero_phase_velocity(

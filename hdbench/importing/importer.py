@@ -14,18 +14,24 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError, StorageError, UsageError
-from hdbench.importing.convert import Conversion, Derived, conversion, decimal_cell
+from hdbench.importing.convert import (
+    Conversion,
+    SourceColumn,
+    conversion,
+    decimal_cell,
+    find_source,
+)
 from hdbench.importing.layout import EPOCH_1904_S
-from hdbench.importing.mapping import Entry, SourceColumn, find_source
-from hdbench.importing.recipe import Recipe, known_columns
+from hdbench.importing.recipe import Entry, Recipe, known_columns
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.trace import Part, joined_trace
-from hdbench.records.loads import LOADS_COLUMNS
+from hdbench.records.csvtext import quoted
+from hdbench.records.loads import LOADS_COLUMNS, ArmLike, read_loads
 from hdbench.records.provenance import write_provenance
 from hdbench.records.storage import publish, staged_path, write_atomic
-from hdbench.records.tables import ArmLike, quoted, read_loads, read_trace, write_trace
 from hdbench.records.trace import FloatArray
+from hdbench.records.tracefile import read_trace, write_trace
 
 # a device has at most some 100 channels with a line each; a person reads no more than these
 _SHOWN_LINES, _SHOWN_CHARACTERS = 20, 120
@@ -36,35 +42,16 @@ _NEEDED = ("experiment", "position_rad", "range", "direction", "series", "readin
 
 @dataclass(frozen=True, slots=True)
 class ImportReport:
-    """What an import made; it was read back before this was made.
+    """What an import made; it was read back before this was made."""
 
-    Parameters
-    ----------
-    out : Path
-        The new file.
-    kind : str
-        ``trace`` or ``loads``.
-    rows : int
-        Rows in it.
-    columns : tuple of str
-        Its columns.
-    time_origin_s : float or None
-        Time that became 0, s.
-    lost : int
-        Cells of a trace without a number.
-    notes : tuple of str
-        What a person should know.
-    done : dict of str to list of str
-        What was done for each column, step by step.
-    """
-
-    out: Path
-    kind: str
-    rows: int
+    out: Path  # the new file
+    kind: str  # `trace` or `loads`
+    rows: int  # rows in it
     columns: tuple[str, ...]
-    time_origin_s: float | None
-    lost: int
-    notes: tuple[str, ...]
+    time_origin_s: float | None  # time that became 0, s
+    lost: int  # cells of a trace without a number
+    notes: tuple[str, ...]  # what a person should know
+    # what was done for each column, step by step
     done: dict[str, list[str]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -181,35 +168,7 @@ def import_files(
     arm: ArmLike | None = None,
     gear_ratio: float | None = None,
 ) -> ImportReport:
-    """Bring logs of other programs into one trace or loads file, and read it back.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        What comes from where.
-    files : sequence of Path
-        The logs; those of a trace follow one another.
-    out : Path
-        ``.csv`` or ``.csv.gz`` file to write or replace; replaced only when the new content was
-        read back.
-    arm : Arm, optional
-        Makes torque of masses where loads have no torque.
-    gear_ratio : float, optional
-        Gear ratio of the bench; needed for angles and velocities of the joint.
-
-    Returns
-    -------
-    ImportReport
-
-    Raises
-    ------
-    DataError
-        If a log is damaged, or holds not what is needed (with its line, sample or channel).
-    UsageError
-        If the recipe does not fit the files, or a unit would have to be guessed.
-    StorageError
-        If the disk is full or failed; an old file is then untouched.
-    """
+    """Bring logs of other programs into one trace or loads file, and read it back."""
     _check(recipe, files, out)
     with ExitStack() as stack:
         parts: list[Part] = []
@@ -227,9 +186,7 @@ def import_files(
             if recipe.kind == "loads":
                 report = _loads(parts, staged, out, notes, arm)
             else:
-                derived = Derived(recipe.torque_constant_nm_per_a, recipe.velocity_from_angle_hz)
-                rate, kept = recipe.rate_hz, recipe.keep_time
-                joined = joined_trace(parts, derived, rate_hz=rate, keep_time=kept)
+                joined = joined_trace(parts, recipe)
                 notes += joined.notes
                 write_trace(staged, joined.trace)
                 # what is read back takes as much memory

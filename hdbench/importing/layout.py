@@ -41,54 +41,28 @@ _Row = tuple[int, list[str]]
 
 @dataclass(frozen=True, slots=True)
 class ForeignFormat:
-    """How a text file is laid out.
+    """How a text file is laid out."""
 
-    Parameters
-    ----------
-    delimiter : str or None
-        Character between columns; None finds it.
-    header : bool
-        Whether rows of names may stand above the data.
-    skip : int
-        Lines that are passed over before the table is looked for.
-    logger : str or None
-        Data logger that wrote the file, or ``auto``: a column of time has to be there, and units
-        that are stated are turned into ours.
-    """
-
-    delimiter: str | None = None
-    header: bool = True
-    skip: int = 0
+    delimiter: str | None = None  # character between columns; None finds it
+    header: bool = True  # whether rows of names may stand above the data
+    skip: int = 0  # lines that are passed over before the table is looked for
+    # data logger that wrote the file, or `auto`: a column of time has to be there, and units that
+    # are stated are turned into ours
     logger: Logger | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class TableLayout:
-    """Where a table is.
+    """Where a table is."""
 
-    Parameters
-    ----------
-    delimiter : str
-        Character between columns; a blank stands for any number of blanks.
-    start : int
-        Row of the first data among those looked at, from 0.
-    width : int
-        Number of columns.
-    least : int
-        Number of cells that a row has at least: a remark at its end may be left out.
-    names, units : tuple of str
-        Names, empty without a header, and units, empty text where none is stated.
-    preamble : tuple of int
-        Rows before the table that are no names.
-    """
-
-    delimiter: str
-    start: int
-    width: int
-    least: int
+    delimiter: str  # character between columns; a blank stands for any number of blanks
+    start: int  # row of the first data among those looked at, from 0
+    width: int  # number of columns
+    least: int  # number of cells that a row has at least: a remark at its end may be left out
+    # names, empty without a header, and units, empty text where none is stated
     names: tuple[str, ...]
     units: tuple[str, ...]
-    preamble: tuple[int, ...]
+    preamble: tuple[int, ...]  # rows before the table that are no names
 
 
 def is_time_or_date(name: str) -> bool:

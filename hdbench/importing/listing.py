@@ -24,46 +24,23 @@ _BITS = (8, 16, 32)
 
 @dataclass(frozen=True, slots=True)
 class ChannelFacts:
-    """What the samples of one channel say, by the first rows of the file.
-
-    Parameters
-    ----------
-    channel : Channel
-        The channel.
-    number : int
-        Its number, from 1.
-    rows : int
-        Rows looked at.
-    rate_hz : float or None
-        One by the median step of the time of its clock, Hz; None without a time.
-    least, most, first : float or None
-        Range and first value; None where there is no number.
-    missing_share : float
-        Share of rows without a number.
-    is_text : bool
-        Whether it holds words and no number.
-    bits : int
-        Bits of a two's complement that seems to be stored without sign; 0 for none.
-    jump : float
-        Largest step between neighbours.
-    whole : bool
-        Whether all numbers are whole, and not all the same.
-    numbers : array
-        The rows looked at; NaN where there is no number.
-    """
+    """What the samples of one channel say, by the first rows of the file."""
 
     channel: Channel
-    number: int
-    rows: int
+    number: int  # its number, from 1
+    rows: int  # rows looked at
+    # one by the median step of the time of its clock, Hz; None without a time
     rate_hz: float | None
+    # range and first value; None where there is no number
     least: float | None
     most: float | None
     first: float | None
-    missing_share: float
-    is_text: bool
-    bits: int
-    jump: float
-    whole: bool
+    missing_share: float  # share of rows without a number
+    is_text: bool  # whether it holds words and no number
+    bits: int  # bits of a two's complement that seems to be stored without sign; 0 for none
+    jump: float  # largest step between neighbours
+    whole: bool  # whether all numbers are whole, and not all the same
+    # the rows looked at; NaN where there is no number
     numbers: NDArray[np.float64] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:

@@ -64,32 +64,16 @@ _SLOWEST_HZ = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A mapping with its reasons.
+    """A mapping with its reasons."""
 
-    Parameters
-    ----------
-    recipe : Recipe
-        What is proposed.
-    reasons : dict of str to str
-        Why, by column or option.
-    needs : tuple of str
-        What the file does not say and a person has to; the command has words in capitals there.
-    joints : tuple of str
-        Joints that there are, where the mapping takes one of several.
-    no_time : bool
-        Whether the file has no time, so that it cannot be taken without a rate.
-    extra : tuple of str
-        Options that the command has beside those of the recipe.
-    channels : dict of str to str
-        Channel behind each column that is proposed.
-    """
-
-    recipe: Recipe
-    reasons: dict[str, str]
+    recipe: Recipe  # what is proposed
+    reasons: dict[str, str]  # why, by column or option
+    # what the file does not say and a person has to; the command has words in capitals there
     needs: tuple[str, ...] = ()
-    joints: tuple[str, ...] = ()
-    no_time: bool = False
-    extra: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()  # joints that there are, where the mapping takes one of several
+    no_time: bool = False  # whether the file has no time, so that it cannot be taken without a rate
+    extra: tuple[str, ...] = ()  # options that the command has beside those of the recipe
+    # channel behind each column that is proposed
     channels: dict[str, str] = field(default_factory=dict)
 
     def command(self, file: Path, out: Path) -> str:

@@ -6,27 +6,35 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_type_hints
 
-from hdbench.errors import DataError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from hdbench.errors import DataError, UsageError
 from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.mapping import Entry, parse_constant, parse_map
 from hdbench.importing.source import Asked
+from hdbench.records.csvtext import read_text
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
-from hdbench.records.tables import TRACE_COLUMNS, read_text
+from hdbench.records.tracefile import TRACE_COLUMNS
 
 _COLUMNS = {"trace": TRACE_COLUMNS, "loads": (*LOADS_COLUMNS, *LOADS_OPTIONAL)}
-DELIMITERS = {"auto": None, "comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
-_CHOICES: dict[str, tuple[str, ...]] = {
-    "kind": ("trace", "loads"),
-    "side": ("motor", "output"),
-    "delimiter": tuple(DELIMITERS),
-    "from_logger": ("auto", "labjack", "dataq"),
-}
+_DELIMITERS = {"auto": None, "comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
+_Texts = Annotated[
+    Mapping[str, str], Field(description='a table of texts, such as [map] torque_nm = "Torque"')
+]
+_Text = Annotated[str | None, Field(description="a text in quotes")]
+_Flag = Annotated[bool, Field(strict=True, description="true or false")]
+_Rate = Annotated[
+    float | None, Field(strict=True, gt=0.0, lt=1e300, description="a number, more than 0")
+]
+
+
+_EXAMPLES = {"--map": "torque_nm=Torque*0.001", "--set": "2:series=down"}
+_TARGET = re.compile(r"(?:(?P<file>[1-9]\d{0,3}):)?(?P<target>[a-z][a-z0-9_]*)=(?P<rest>.+)")
 
 
 def known_columns(kind: str) -> tuple[str, ...]:
@@ -35,49 +43,62 @@ def known_columns(kind: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class Entry:
+    """One ``--map`` or ``--set``: where a column comes from, or the value in every row."""
+
+    target: str  # column name of the contract
+    # the value, or `COLUMN`, `COLUMN*SCALE`, `COLUMN/SCALE`, each with `+OFFSET` or `-OFFSET`,
+    # and declared conversions behind it: `COLUMN@deg@wrapped`
+    text: str
+    file: int | None = None  # number of the file, from 1, that it is about; None for all
+
+
+def parse_entry(option: str, text: str, known: Sequence[str]) -> Entry:
+    """Parse ``[FILE_NUMBER:]NAME=...`` of ``--map`` or ``--set``."""
+    match = _TARGET.fullmatch(text)
+    if match is None:
+        raise UsageError(
+            f"found {text!r:.80}; needed: [FILE_NUMBER:]NAME=...",
+            where=option,
+            fix=f"such as {option} {_EXAMPLES[option]}",
+        )
+    target = match["target"]
+    near = difflib.get_close_matches(target, known, n=1, cutoff=0.75)
+    if target not in known and near:
+        raise UsageError(f"no column {target!r}", where=option, fix=f"did you mean {near[0]!r}?")
+    return Entry(target, match["rest"], int(match["file"]) if match["file"] else None)
+
+
+@dataclass(frozen=True, slots=True)
 class Recipe:
     """How a log is imported: the options of ``hdbench import``, by name.
 
-    Parameters
-    ----------
-    kind : str
-        ``trace`` or ``loads``.
-    map, set : mapping of str to str
-        As ``--map NAME=...`` and ``--set NAME=...``.
-    topic, joint : str or None
-        Which channels are looked at.
-    side : str
-        ``output`` where angles and velocities are those of the joint.
-    rate_hz : float or None
-        Sample rate where there is no time, Hz.
-    torque_constant_nm_per_a : float or None
-        Torque per current, N m/A.
-    velocity_from_angle_hz : float or None
-        Cutoff of the derivative of the angle, Hz.
-    keep_time : bool
-        Keep the time as it is.
-    delimiter, from_logger : str or None
-        Layout of a text.
-    skip : int
-        Lines before the table.
-    no_header : bool
-        Whether there is no row of names.
+    The types are those of a TOML file; each says what it needs.
     """
 
-    kind: str = "trace"
-    map: Mapping[str, str] = field(default_factory=dict)
-    set: Mapping[str, str] = field(default_factory=dict)
-    topic: str | None = None
-    joint: str | None = None
-    side: str = "motor"
-    rate_hz: float | None = None
-    torque_constant_nm_per_a: float | None = None
-    velocity_from_angle_hz: float | None = None
-    keep_time: bool = False
-    delimiter: str = "auto"
-    from_logger: str | None = None
-    skip: int = 0
-    no_header: bool = False
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    kind: Annotated[Literal["trace", "loads"], Field(description="trace or loads")] = "trace"
+    map: _Texts = field(default_factory=dict)
+    set: _Texts = field(default_factory=dict)
+    topic: _Text = None
+    joint: _Text = None
+    side: Annotated[Literal["motor", "output"], Field(description="motor or output")] = "motor"
+    rate_hz: _Rate = None
+    torque_constant_nm_per_a: Annotated[
+        float | None, Field(strict=True, gt=-1e300, lt=1e300, description="a number")
+    ] = None
+    velocity_from_angle_hz: _Rate = None
+    keep_time: _Flag = False
+    delimiter: Annotated[
+        Literal["auto", "comma", "semicolon", "tab", "blank"],
+        Field(description=" or ".join(_DELIMITERS)),
+    ] = "auto"
+    from_logger: Annotated[
+        Literal["auto", "labjack", "dataq"] | None, Field(description="auto or labjack or dataq")
+    ] = None
+    skip: Annotated[int, Field(strict=True, ge=0, description="a whole number")] = 0
+    no_header: _Flag = False
 
     def changed(self) -> dict[str, Any]:
         """Return what differs from the defaults."""
@@ -104,27 +125,26 @@ class Recipe:
 
     def maps(self) -> list[Entry]:
         """Return where columns come from."""
-        return [parse_map(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.map.items()]
+        return self._entries("--map", self.map)
 
     def constants(self) -> list[Entry]:
         """Return the columns with one value."""
-        return [parse_constant(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.set.items()]
+        return self._entries("--set", self.set)
+
+    def _entries(self, option: str, texts: Mapping[str, str]) -> list[Entry]:
+        known = _COLUMNS[self.kind]
+        return [parse_entry(option, f"{name}={text}", known) for name, text in texts.items()]
 
     @property
     def layout(self) -> ForeignFormat:
         """Layout of a text."""
-        logger: Any = self.from_logger
-        mark = DELIMITERS[self.delimiter]
-        return ForeignFormat(mark, not self.no_header, self.skip, logger)
+        mark = _DELIMITERS[self.delimiter]
+        return ForeignFormat(mark, not self.no_header, self.skip, self.from_logger)
 
     @property
     def asked(self) -> Asked:
         """Topic and joint."""
         return Asked(self.topic, self.joint)
-
-
-def _bad(path: Path, key: str, what: str, fix: str) -> DataError:
-    return DataError(f"key {key!r:.60} {what}", where=f"{path}: {key:.60}", fix=fix)
 
 
 def read_recipe(path: Path) -> Recipe:
@@ -135,37 +155,19 @@ def read_recipe(path: Path) -> Recipe:
         raise DataError(
             f"not valid TOML: {error}", where=str(path), fix="correct it, or make it again by --map"
         ) from error
-    plain = Recipe()
-    known = {f.name: getattr(plain, f.name) for f in fields(plain)}
-    for key, value in body.items():
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
-            raise _bad(path, key, "is not known", hint)
-        _check_value(path, key, value)
-    numbers = {k: float(v) for k, v in body.items() if k.endswith(("_hz", "_a"))}
-    return replace(plain, **{**body, **numbers})
-
-
-def _check_value(path: Path, key: str, value: object) -> None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if key in ("map", "set"):
-        good = isinstance(value, dict) and all(isinstance(v, str) for v in value.values())
-        needed = f'a table of texts, such as [{key}] torque_nm = "Torque"'
-    elif key in _CHOICES:
-        good, needed = value in _CHOICES[key], " or ".join(_CHOICES[key])
-    elif key in ("keep_time", "no_header"):
-        good, needed = isinstance(value, bool), "true or false"
-    elif key == "skip":
-        good, needed = is_number and isinstance(value, int) and value >= 0, "a whole number"
-    elif key in ("topic", "joint"):
-        good, needed = isinstance(value, str), "a text in quotes"
+    try:
+        return TypeAdapter(Recipe).validate_python(body)
+    except ValidationError as error:
+        key = str(error.errors()[0]["loc"][0])
+    known = get_type_hints(Recipe, include_extras=True)
+    if key in known:
+        needed = known[key].__metadata__[0].description
+        what, fix = f"is {body[key]!r:.40}; needed: {needed}", "correct it"
     else:
-        least = 0.0 if key.endswith("_hz") else -1e300
-        good = is_number and least < float(str(value)) < 1e300
-        needed = "a number" if least else "a number, more than 0"
-    if not good:
-        raise _bad(path, key, f"is {value!r:.40}; needed: {needed}", "correct it")
+        near = difflib.get_close_matches(key, known, n=1)
+        what = "is not known"
+        fix = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+    raise DataError(f"key {key!r:.60} {what}", where=f"{path}: {key:.60}", fix=fix)
 
 
 def write_recipe(path: Path, recipe: Recipe) -> None:

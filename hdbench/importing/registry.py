@@ -6,6 +6,7 @@ import atexit
 import importlib
 import json
 import os
+import sys
 import threading
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
@@ -28,6 +29,7 @@ from hdbench.importing.source import (
     text_cells,
     told,
 )
+from hdbench.records.storage import checked_size, read_failure
 from hdbench.system.children import shared_memory, start_child
 
 if TYPE_CHECKING:
@@ -51,27 +53,16 @@ _KINDS = ("<f8", "<i8", "<u8")
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One kind of file.
-
-    Parameters
-    ----------
-    name : str
-        For people.
-    module : str
-        Reader, a module of ``hdbench.importing.readers`` with ``open_file(path)``.
-    endings : tuple of str
-        Usual ends of the name: a file so named that does not begin so is damaged.
-    begins : callable
-        Whether a file that begins with these bytes is of this kind.
-    library, extra : str
-        What reads it in a process of its own, and the extra that brings it; empty where there is
-        none.
-    """
+    """One kind of file."""
 
     name: str
-    module: str
+    module: str  # reader, a module of `hdbench.importing.readers` with `open_file(path)`
+    # usual ends of the name: a file so named that does not begin so is damaged
     endings: tuple[str, ...]
+    # whether a file that begins with these bytes is of this kind
     begins: Callable[[bytes, Path], bool]
+    # what reads it in a process of its own, and the extra that brings it; empty where there is
+    # none
     library: str = ""
     extra: str = ""
 
@@ -138,21 +129,14 @@ FORMATS = (
 
 
 def _head(path: Path) -> bytes:
+    if path.is_dir():
+        return b""
+    checked_size(path, limit=sys.maxsize, what="log")
     try:
-        if not path.exists():
-            raise DataError("no such log", where=str(path), fix="check the path")
-        if path.is_dir():
-            return b""
-        if not path.is_file():
-            what = "not a regular file; needed: a log"
-            raise DataError(what, where=str(path), fix="name the file itself")
         with path.open("rb") as file:
             return file.read(_HEAD)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise DataError(
-            f"cannot read: {reason}", where=str(path), fix="check path and rights"
-        ) from error
+    except OSError as error:
+        raise read_failure(error, path) from error
 
 
 def _chosen(path: Path, head: bytes) -> Format | None:

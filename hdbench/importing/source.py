@@ -6,7 +6,8 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,43 +29,21 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One channel of a file.
+    """One channel of a file."""
 
-    Parameters
-    ----------
-    name : str
-        Unique in the file; parts are separated by ``/``.
-    unit : str
-        As the file states it; empty text where it states none.
-    clock : str
-        Channels of one clock have their samples at the same times.
-    is_time : bool
-        Whether it is the time of its clock.
-    rows : int or None
-        Number of samples where that is known without reading them.
-    """
-
-    name: str
-    unit: str = ""
-    clock: str = ""
-    is_time: bool = False
-    rows: int | None = None
+    name: str  # unique in the file; parts are separated by `/`
+    unit: str = ""  # as the file states it; empty text where it states none
+    clock: str = ""  # channels of one clock have their samples at the same times
+    is_time: bool = False  # whether it is the time of its clock
+    rows: int | None = None  # number of samples where that is known without reading them
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Which channels of a file are of interest.
+    """Which channels of a file are of interest."""
 
-    Parameters
-    ----------
-    topic : str or None
-        Topic, sheet, group or folder of channels; None for all.
-    joint : str or None
-        Joint; None for all.
-    """
-
-    topic: str | None = None
-    joint: str | None = None
+    topic: str | None = None  # topic, sheet, group or folder of channels; None for all
+    joint: str | None = None  # joint; None for all
 
     def left(self, channels: Sequence[Channel]) -> list[Channel]:
         """Return the channels that are asked for; what is of no joint stays, and every time."""
@@ -101,19 +80,14 @@ def _around(name: str, joint: str) -> list[tuple[str, str]]:
 
 
 class Source(ABC):
-    """A foreign file that is open for reading.
+    """A foreign file that is open for reading."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    form : str
-        What kind of file it is, for people.
-    """
+    row_word = "sample"  # what a row is called in messages
 
-    def __init__(self, path: Path, form: str) -> None:
+    def __init__(self, path: Path, form: str, close: Callable[[], None] | None = None) -> None:
         self.path = path
         self.form = form
+        self._close = close
         self.channels: tuple[Channel, ...] = ()
         self.notes: tuple[str, ...] = ()
         self.decimal_comma = False
@@ -141,15 +115,17 @@ class Source(ABC):
 
     def place(self, row: int) -> str:
         """Return where a person finds a row, counted from 0."""
-        return f"{self.path}: sample {row + 1}"
+        return f"{self.path}: {self.row_word} {row + 1}"
 
     def hold(self, made: Sequence[tuple[Channel, _T]]) -> dict[str, _T]:
         """Take channels, told apart; return what stands behind each, by its name."""
         self.channels = told_apart(self.path, [channel for channel, _ in made])
         return {c.name: behind for c, (_, behind) in zip(self.channels, made, strict=True)}
 
-    def close(self) -> None:  # noqa: B027 - most readers hold nothing open
+    def close(self) -> None:
         """Give the file back."""
+        if self._close is not None:
+            self._close()
 
     def keep(self, asked: Asked) -> None:
         """Leave only the channels that were asked for; times stay with their clock."""
@@ -236,6 +212,16 @@ def told_apart(path: Path, channels: Sequence[Channel]) -> tuple[Channel, ...]:
             name = f"{name}#{taken[channel.name]}"
         result.append(replace(channel, name=name))
     return tuple(result)
+
+
+@contextmanager
+def closed_on_error(close: Callable[[], None]) -> Iterator[None]:
+    """Give a file back where it cannot be taken."""
+    try:
+        yield
+    except BaseException:
+        close()
+        raise
 
 
 def damaged(path: Path, form: str, error: BaseException | str) -> DataError:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.convert import Conversion, Derived, derived_columns, unlike_pace
+from hdbench.importing.convert import Conversion, unlike_pace, zero_phase_velocity
+from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Column, Source, listed
 from hdbench.records.trace import FloatArray, Trace
 
@@ -24,54 +24,33 @@ _GAP_STEPS = 3.5
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One file and what is taken from it.
-
-    Parameters
-    ----------
-    source : Source
-        The file.
-    conversions : mapping of str to Conversion
-        By our column; ``time_s`` is not there where the rate stands for it.
-    constants : mapping of str to str
-        Columns with one value.
-    """
+    """One file and what is taken from it."""
 
     source: Source
+    # by our column; `time_s` is not there where the rate stands for it
     conversions: Mapping[str, Conversion]
-    constants: Mapping[str, str]
+    constants: Mapping[str, str]  # columns with one value
 
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """What came out.
-
-    Parameters
-    ----------
-    trace : Trace
-        The trace.
-    origin : Decimal or None
-        Time that became 0, s; None where the time was kept.
-    done : dict of str to list of str
-        What was done for each column, step by step.
-    notes : tuple of str
-        What a person should know.
-    """
+    """What came out."""
 
     trace: Trace
-    origin: Decimal | None
-    done: dict[str, list[str]]
-    notes: tuple[str, ...]
+    origin: Decimal | None  # time that became 0, s; None where the time was kept
+    done: dict[str, list[str]]  # what was done for each column, step by step
+    notes: list[str]  # what a person should know
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Read:
     """One file: times in s from its own start, and float channels."""
 
     source: Source
     start: Fraction
     time: FloatArray
-    columns: Mapping[str, FloatArray]
-    notes: tuple[str, ...] = ()
+    columns: dict[str, FloatArray]
+    notes: list[str] = field(default_factory=list)
 
 
 def _check_times(conversion: Conversion, time: FloatArray, row: int, last: float) -> None:
@@ -96,23 +75,20 @@ def _check_times(conversion: Conversion, time: FloatArray, row: int, last: float
 
 def _clock(
     source: Source, conversions: Sequence[Conversion], time: Conversion | None, keep_time: bool
-) -> tuple[Fraction, FloatArray, dict[str, FloatArray]]:
+) -> _Read:
     """Read the channels of one clock, with its times where they are in the file."""
     names = list(dict.fromkeys(c.column.channel.name for c in conversions))
-    wanted = names if time is None else [*names, time.column.channel.name]
+    time_name = None if time is None else time.column.channel.name
+    wanted = list(dict.fromkeys([*names, *([time_name] if time_name else [])]))
     start: Fraction | None = Fraction(0) if keep_time else None
     rows, last = next((c.rows for c in source.channels if c.name in wanted), None) or 0, -np.inf
     _check_size(source, rows, len(conversions))
     times = Column(rows if time else None)
     columns = {c.target: Column(rows) for c in conversions}
+    exact = {c.column.channel.name for c in conversions if not c.as_it_is}
+    source.rounded = frozenset(names) - exact - {time_name}
     rows = 0
-    source.rounded = frozenset(
-        name
-        for name in names
-        if all(c.as_it_is for c in conversions if c.column.channel.name == name)
-        and (time is None or time.column.channel.name != name)
-    )
-    for piece in source.read(list(dict.fromkeys(wanted))):
+    for piece in source.read(wanted):
         count = len(next(iter(piece.values())))
         if not count:
             continue
@@ -136,7 +112,7 @@ def _clock(
                 where=str(source.path),
                 fix=f"map another channel to {conversion.target}, or leave its --map out",
             )
-    return start or Fraction(0), times.whole(), whole
+    return _Read(source, start or Fraction(0), times.whole(), whole)
 
 
 def _check_size(source: Source, rows: int, mapped: int) -> None:
@@ -178,49 +154,59 @@ def _time_of(part: Part, clock: str) -> Conversion | None:
     return part.conversions.get(f"time_s of {clock}")
 
 
-def _read(part: Part, rate: Fraction | None, keep_time: bool) -> _Read:
+def _read(part: Part, recipe: Recipe) -> _Read:
+    """Read one file: its clocks as one, and the columns with one value."""
     wanted = [c for name, c in part.conversions.items() if not name.startswith("time_s")]
     by_clock: dict[str, list[Conversion]] = {}
     for conversion in wanted:
         by_clock.setdefault(conversion.column.channel.clock, []).append(conversion)
-    main = _main_clock(part, wanted)
-    if rate is not None:
+    if recipe.rate_hz is not None:
         if len(by_clock) > 1:
             raise UsageError(
                 f"channels of {len(by_clock)} clocks; needed for --rate: channels of one",
                 where=f"{part.source.path}, --rate",
                 fix="map channels of one length and group, or a time for each clock",
             )
-        _, _, columns = _clock(part.source, wanted, None, keep_time)
-        rows = len(next(iter(columns.values())))
-        time = np.array([float(Fraction(k) / rate) for k in range(rows)])
-        return _with_constants(part, _Read(part.source, Fraction(0), time, columns))
-    times = {clock: _time_of(part, clock) for clock in by_clock}
-    if any(time is None for time in times.values()):
-        raise no_time(part.source)
-    read = {c: _clock(part.source, by_clock[c], times[c], keep_time) for c in by_clock}
-    start, time, columns = read.pop(main)
-    notes = []
-    for clock, (other_start, other_time, values) in read.items():
-        moved = other_time + float(other_start - start)
-        columns = columns | _on_clock(time, moved, values)
-        rate_hz = _rate(other_time)
-        notes.append(
-            f"{', '.join(values)}: from clock {clock!r} ({rate_hz:.6g} Hz) put on that of "
-            f"{main!r} ({_rate(time):.6g} Hz) by linear interpolation, not over its gaps or ends"
+        read = _clock(part.source, wanted, None, recipe.keep_time)
+        rate = Fraction(recipe.rate_hz)
+        rows = len(next(iter(read.columns.values())))
+        read.time = np.array([float(Fraction(k) / rate) for k in range(rows)])
+    else:
+        times = {clock: _time_of(part, clock) for clock in by_clock}
+        if any(time is None for time in times.values()):
+            raise no_time(part.source)
+        reads = {c: _clock(part.source, by_clock[c], times[c], recipe.keep_time) for c in by_clock}
+        main = _main_clock(part, wanted)
+        read = reads.pop(main)
+        _put_on_clock(read, main, reads, keep_time=recipe.keep_time)
+    for name, text in part.constants.items():
+        read.columns[name] = np.full(len(read.time), _constant(name, text))
+    return read
+
+
+def _put_on_clock(read: _Read, main: str, others: Mapping[str, _Read], *, keep_time: bool) -> None:
+    """Put the channels of other clocks on the main one, as far as all of them overlap."""
+    time = read.time
+    kept = np.ones(len(time), dtype=bool)
+    for clock, other in others.items():
+        moved = other.time + float(other.start - read.start)
+        kept &= (time >= moved[0]) & (time <= moved[-1])
+        read.columns |= _on_clock(time, moved, other.columns)
+        read.notes.append(
+            f"{', '.join(other.columns)}: from clock {clock!r} ({_rate(other.time):.6g} Hz) put on "
+            f"that of {main!r} ({_rate(time):.6g} Hz) by linear interpolation, not over its gaps "
+            "or ends"
         )
-    kept = _overlap(time, [o[1] + float(o[0] - start) for o in read.values()])
     if not kept.any():
         what = "the clocks have no time in common; needed: an overlap"
-        raise DataError(what, where=str(part.source.path), fix="map channels of one clock")
+        raise DataError(what, where=str(read.source.path), fix="map channels of one clock")
     if not kept.all():
         first = int(np.flatnonzero(kept)[0])
-        notes.append(f"{int((~kept).sum())} rows outside the overlap of the clocks left out")
+        read.notes.append(f"{int((~kept).sum())} rows outside the overlap of the clocks left out")
         moved_by = 0.0 if keep_time else float(time[first])
-        start += Fraction(moved_by)
-        time = time[kept] - moved_by
-        columns = {name: values[kept] for name, values in columns.items()}
-    return _with_constants(part, _Read(part.source, start, time, columns, tuple(notes)))
+        read.start += Fraction(moved_by)
+        read.time = time[kept] - moved_by
+        read.columns = {name: values[kept] for name, values in read.columns.items()}
 
 
 def _main_clock(part: Part, wanted: Sequence[Conversion]) -> str:
@@ -235,9 +221,9 @@ def _main_clock(part: Part, wanted: Sequence[Conversion]) -> str:
     return next(clocks[name] for name in order if name in clocks)
 
 
-def _check_torque(part: Part, derived: Derived) -> None:
+def _check_torque(part: Part, recipe: Recipe) -> None:
     there = {*part.conversions, *part.constants}
-    if derived.torque_constant_nm_per_a is None and not {"torque_nm", "torque_v"} & there:
+    if recipe.torque_constant_nm_per_a is None and not {"torque_nm", "torque_v"} & there:
         raise DataError(
             f"no torque is mapped; found: {listed(c.name for c in part.source.channels)}",
             where=str(part.source.path),
@@ -267,20 +253,15 @@ def _on_clock(
     return result
 
 
-def _overlap(time: FloatArray, others: Sequence[FloatArray]) -> NDArray[np.bool_]:
-    kept = np.ones(len(time), dtype=bool)
-    for other in others:
-        kept &= (time >= other[0]) & (time <= other[-1])
-    return kept
-
-
-def _with_constants(part: Part, read: _Read) -> _Read:
-    fixed = {n: np.full(len(read.time), _constant(n, text)) for n, text in part.constants.items()}
-    return _Read(read.source, read.start, read.time, {**read.columns, **fixed}, read.notes)
-
-
-def _ordered(parts: Sequence[_Read]) -> list[_Read]:
-    ordered = sorted(parts, key=lambda part: part.start + Fraction(float(part.time[0])))
+def _in_order(reads: Sequence[_Read], rate_hz: float | None) -> list[_Read]:
+    """Return files as they follow one another; with a rate, count the time on in their order."""
+    if rate_hz is not None:
+        start = Fraction(0)
+        for read in reads:
+            read.start = start
+            start += len(read.time) / Fraction(rate_hz)
+        return list(reads)
+    ordered = sorted(reads, key=lambda read: read.start + Fraction(float(read.time[0])))
     for before, after in itertools.pairwise(ordered):
         first = float(after.start + Fraction(float(after.time[0])))
         end = float(before.start + Fraction(float(before.time[-1])))
@@ -294,63 +275,80 @@ def _ordered(parts: Sequence[_Read]) -> list[_Read]:
     return ordered
 
 
-def _follow_on(parts: list[_Read], rate: Fraction) -> list[_Read]:
-    """Count the time on from file to file."""
-    shifted, start = [], Fraction(0)
-    for part in parts:
-        shifted.append(_Read(part.source, start, part.time, part.columns, part.notes))
-        start += len(part.time) / rate
-    return shifted
-
-
-def joined_trace(
-    parts: Sequence[Part],
-    derived: Derived,
-    *,
-    rate_hz: float | None = None,
-    keep_time: bool = False,
-) -> Joined:
+def joined_trace(parts: Sequence[Part], recipe: Recipe) -> Joined:
     """Join channels of foreign files into one trace."""
-    rate = None if rate_hz is None else Fraction(rate_hz)
     for part in parts:
-        _check_torque(part, derived)
-    reads = [_read(part, rate, keep_time) for part in parts]
-    reads = _ordered(reads) if rate is None else _follow_on(reads, rate)
+        _check_torque(part, recipe)
+    reads = _in_order([_read(part, recipe) for part in parts], recipe.rate_hz)
     for read in reads:
         odd = sorted(set(read.columns) ^ set(reads[0].columns))
         if odd:
             what = f"column {odd[0]!r} is not in all files"
             raise UsageError(what, where="--map", fix="map it in each file")
-    start = reads[0].start
+    start, where = reads[0].start, str(reads[0].source.path)
     shifts = [float(read.start - start) for read in reads]
     times = [
         read.time + shift if shift else read.time for read, shift in zip(reads, shifts, strict=True)
     ]
-    columns: dict[str, FloatArray] = {"time_s": np.concatenate(times)}
-    if len(columns["time_s"]) < 2:
+    time = np.concatenate(times)
+    if len(time) < 2:
         raise DataError(
             "1 row; needed: at least 2 to be a trace",
-            where=str(reads[0].source.path),
+            where=where,
             fix="record again, or check that this is the right file",
         )
+    if not (np.diff(time) > 0.0).all():
+        raise DataError(
+            "times fall together when rounded to doubles",
+            where=where,
+            fix="leave --keep-time out, so that the time starts at 0",
+        )
+    columns = {"time_s": time}
     for name in reads[0].columns:
         columns[name] = np.concatenate([read.columns[name] for read in reads])
-    _check_doubles(columns["time_s"], reads[0].source)
-    new, steps = derived_columns(columns, derived, str(reads[0].source.path))
-    whole = {**columns, **new}
+    done = _done(parts[0], recipe)
+    _derive(columns, done, recipe, where)
     notes = [note for read in reads for note in read.notes]
-    notes += _doubts(whole)
-    origin = None if keep_time else Decimal(start.numerator) / Decimal(start.denominator)
-    first = parts[0].conversions
-    done = {name: c.told() for name, c in first.items() if not name.startswith("time_s of ")}
-    own = _time_of(parts[0], _main_clock(parts[0], [first[n] for n in done if n != "time_s"]))
+    notes += _doubts(columns)
+    origin = None if recipe.keep_time else Decimal(start.numerator) / Decimal(start.denominator)
+    return Joined(Trace(columns, where), origin, done, notes)
+
+
+def _done(part: Part, recipe: Recipe) -> dict[str, list[str]]:
+    """Return what was done for each column, step by step."""
+    named = part.conversions
+    done = {name: c.told() for name, c in named.items() if not name.startswith("time_s of ")}
+    own = _time_of(part, _main_clock(part, [named[n] for n in done if n != "time_s"]))
     if own is not None:
         done["time_s"] = own.told()
-    done |= {name: [f"every row is {text}"] for name, text in parts[0].constants.items()}
-    if rate_hz is not None:
-        done["time_s"] = [f"counted at {rate_hz!r} Hz, as given by --rate"]
-    trace = Trace(whole, str(reads[0].source.path))
-    return Joined(trace, origin, {**done, **steps}, tuple(notes))
+    done |= {name: [f"every row is {text}"] for name, text in part.constants.items()}
+    if recipe.rate_hz is not None:
+        done["time_s"] = [f"counted at {recipe.rate_hz!r} Hz, as given by --rate"]
+    return done
+
+
+def _derive(
+    columns: dict[str, FloatArray], done: dict[str, list[str]], recipe: Recipe, where: str
+) -> None:
+    """Add the columns that follow from others, and what was done for each."""
+    constant, cutoff = recipe.torque_constant_nm_per_a, recipe.velocity_from_angle_hz
+    for given, needed, made, option in (
+        (constant, "motor_current_a", "torque_nm", "--torque-constant"),
+        (cutoff, "motor_angle_rad", "motor_velocity_rad_s", "--velocity-from-angle"),
+    ):
+        if given is not None and needed not in columns:
+            fix = f"give --map {needed}=COLUMN"
+            raise UsageError(f"no column {needed} to take {made} from", where=option, fix=fix)
+        if given is not None and made in columns:
+            fix = f"leave {option} or the --map of {made} out"
+            raise UsageError(f"{made} is mapped and derived", where=option, fix=fix)
+    if constant is not None:
+        columns["torque_nm"] = columns["motor_current_a"] * constant
+        done["torque_nm"] = [f"motor_current_a times {constant!r} N m/A"]
+    if cutoff is not None:
+        columns["motor_velocity_rad_s"], done["motor_velocity_rad_s"] = zero_phase_velocity(
+            columns["time_s"], columns["motor_angle_rad"], cutoff, where
+        )
 
 
 def _doubts(columns: Mapping[str, FloatArray]) -> Iterator[str]:
@@ -364,13 +362,4 @@ def _doubts(columns: Mapping[str, FloatArray]) -> Iterator[str]:
         yield (
             f"doubtful: motor_velocity_rad_s is {ratio:.4g} times the rate of motor_angle_rad: "
             "one of them has another unit, side of the gear or sign"
-        )
-
-
-def _check_doubles(time: FloatArray, source: Source) -> None:
-    if not (np.diff(time) > 0.0).all():
-        raise DataError(
-            "times fall together when rounded to doubles",
-            where=str(source.path),
-            fix="leave --keep-time out, so that the time starts at 0",
         )

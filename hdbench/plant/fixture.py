@@ -10,7 +10,8 @@ import numpy as np
 
 from hdbench.errors import UsageError
 from hdbench.plant.plantfile import FixtureSpec
-from hdbench.profile.schema import Arm, ProfileData
+from hdbench.profile.calibrating import Arm
+from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
 # Time constant of a weight that nobody steadies, s: a steel weight of kilograms on a hanger of

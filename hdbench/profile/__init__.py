@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hdbench.profile.loader import (
     Profile,
+    check_loads,
     check_profiles,
     list_profiles,
     load_profile,
@@ -16,6 +17,7 @@ from hdbench.profile.schema import ProfileData
 __all__ = [
     "Profile",
     "ProfileData",
+    "check_loads",
     "check_profiles",
     "list_profiles",
     "load_profile",

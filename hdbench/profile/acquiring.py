@@ -61,20 +61,16 @@ _COMPOSITE = "composite"
 class PluginAcquisition(Acquisition):
     """A DAQ of another package that brings no table of its own."""
 
-    driver: Annotated[
-        str,
-        Field(
-            pattern=r"^[a-z0-9][a-z0-9-]{0,31}$",
-            description="name of the driver: an entry point of the group hdbench.drivers",
-        ),
-    ]
-    channels: Annotated[
-        tuple[Role, ...], Field(min_length=1, description="what is sampled, in order")
-    ] = ROLES
-    options: Annotated[
-        dict[str, str | int | float | bool],
-        Field(default_factory=dict, description="keys of that driver's own"),
-    ]
+    driver: str = Field(
+        pattern=r"^[a-z0-9][a-z0-9-]{0,31}$",
+        description="name of the driver: an entry point of the group hdbench.drivers",
+    )
+    channels: tuple[Role, ...] = Field(
+        default=ROLES, min_length=1, description="what is sampled, in order"
+    )
+    options: dict[str, str | int | float | bool] = Field(
+        default_factory=dict, description="keys of that driver's own"
+    )
 
     @field_validator("driver")
     @classmethod
@@ -114,14 +110,9 @@ class ByDriver:
 
     The tables are looked up when the first profile is checked, not on import: those of other
     packages import this module.
-
-    Parameters
-    ----------
-    part : bool
-        Whether it is a part of a composite, and therefore no composite itself.
     """
 
-    part: bool = False
+    part: bool = False  # whether it is a part of a composite, and therefore no composite itself
 
     def tables(self) -> dict[str, type[Acquisition]]:
         """Return every table by the name of its driver."""
@@ -153,22 +144,23 @@ class CompositeAcquisition(Acquisition):
 
     model_config = ConfigDict(defer_build=True)
 
-    driver: Annotated[Literal["composite"], Field(description="two devices that act as one")]
-    address: Annotated[
-        Literal["embedded", "parts"],
-        Field(description="`embedded` emulates both parts; `parts`: each part names its own"),
-    ] = "parts"
-    channels: Annotated[
-        tuple[Role, ...], Field(min_length=1, description="what is sampled, in order")
-    ] = ROLES
-    inputs: Annotated[_Part, Field(description="table of the device that samples")]
-    outputs: Annotated[
-        _Part, Field(description="table of the device that drives the motor; has the watchdog")
-    ]
-    max_skew_s: Annotated[
-        PositiveFloat,
-        Field(le=1.0, description="largest doubt of an output's time on the input's clock, s"),
-    ] = 0.02
+    driver: Literal["composite"] = Field(description="two devices that act as one")
+    address: Literal["embedded", "parts"] = Field(
+        default="parts",
+        description="`embedded` emulates both parts; `parts`: each part names its own",
+    )
+    channels: tuple[Role, ...] = Field(
+        default=ROLES, min_length=1, description="what is sampled, in order"
+    )
+    inputs: _Part = Field(description="table of the device that samples")
+    outputs: _Part = Field(
+        description="table of the device that drives the motor; has the watchdog"
+    )
+    max_skew_s: PositiveFloat = Field(
+        default=0.02,
+        le=1.0,
+        description="largest doubt of an output's time on the input's clock, s",
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -48,10 +48,9 @@ def number_ranges(numbering: str, table: str) -> tuple[tuple[int, int], ...]:
 class ModbusPlace(Table):
     """One value in the device's map."""
 
-    table: Annotated[
-        Literal["holding", "input", "coil", "discrete"],
-        Field(description="table it stands in: read by function 3, 4, 1, 2"),
-    ] = "holding"
+    table: Literal["holding", "input", "coil", "discrete"] = Field(
+        default="holding", description="table it stands in: read by function 3, 4, 1, 2"
+    )
     address: _Address
     type: _Type = "i16"
     order: _Order = "ABCD"
@@ -60,12 +59,12 @@ class ModbusPlace(Table):
 class ModbusIdentify(ModbusPlace):
     """A value by which the device is known; checked before anything is written."""
 
-    equals: Annotated[float | None, Field(description="what it must read")] = None
-    mask: Annotated[
-        int | None, Field(ge=1, description="bits that are compared; left out: all of them")
-    ] = None
-    low: Annotated[float | None, Field(description="lowest allowed value")] = None
-    high: Annotated[float | None, Field(description="highest allowed value")] = None
+    equals: float | None = Field(default=None, description="what it must read")
+    mask: int | None = Field(
+        default=None, ge=1, description="bits that are compared; left out: all of them"
+    )
+    low: float | None = Field(default=None, description="lowest allowed value")
+    high: float | None = Field(default=None, description="highest allowed value")
 
     @model_validator(mode="after")
     def _says_something(self) -> ModbusIdentify:
@@ -78,47 +77,42 @@ class ModbusIdentify(ModbusPlace):
 class ModbusStatus(ModbusPlace):
     """A word that tells whether a channel can be believed."""
 
-    mask: Annotated[int, Field(ge=1, description="bits of it that count")]
-    good: Annotated[int, Field(ge=0, description="what they read while the reading is good")] = 0
-    type: Annotated[Literal["u16", "u32"], Field(description="type of the word")] = "u16"
+    mask: int = Field(ge=1, description="bits of it that count")
+    good: int = Field(default=0, ge=0, description="what they read while the reading is good")
+    type: Literal["u16", "u32"] = Field(default="u16", description="type of the word")
 
 
 class ModbusSign(ModbusPlace):
     """A bit that stands for the sign of a channel, which itself reads without one."""
 
-    bit: Annotated[int, Field(ge=0, le=31, description="number of the bit, 0 the lowest")]
-    type: Annotated[Literal["u16", "u32"], Field(description="type of the word")] = "u16"
+    bit: int = Field(ge=0, le=31, description="number of the bit, 0 the lowest")
+    type: Literal["u16", "u32"] = Field(default="u16", description="type of the word")
 
 
 class ModbusChannel(ModbusPlace):
     """One value that is polled."""
 
-    role: Annotated[Role, Field(description="what it measures")]
-    scale: Annotated[float, Field(description="units of the role per step")] = 1.0
-    offset: Annotated[float, Field(description="value at zero, units of the role")] = 0.0
-    low: Annotated[
-        float | None,
-        Field(description="lower end of its range, units of the role; left out: of its type"),
-    ] = None
-    high: Annotated[
-        float | None,
-        Field(description="upper end of its range, units of the role; left out: of its type"),
-    ] = None
-    wrap_bits: Annotated[
-        int | None,
-        Field(ge=8, le=32, description="of a counter: it wraps after 2 to the power of this"),
-    ] = None
-    invalid: Annotated[
-        tuple[float, ...],
-        Field(description="raw values that stand for no reading: that sample counts as lost"),
-    ] = ()
-    status: Annotated[
-        ModbusStatus | None,
-        Field(description="word that must be good, else that sample counts as lost"),
-    ] = None
-    sign: Annotated[
-        ModbusSign | None, Field(description="bit that is 1 while the value is negative")
-    ] = None
+    role: Role = Field(description="what it measures")
+    scale: float = Field(default=1.0, description="units of the role per step")
+    offset: float = Field(default=0.0, description="value at zero, units of the role")
+    low: float | None = Field(
+        default=None, description="lower end of its range, units of the role; left out: of its type"
+    )
+    high: float | None = Field(
+        default=None, description="upper end of its range, units of the role; left out: of its type"
+    )
+    wrap_bits: int | None = Field(
+        default=None, ge=8, le=32, description="of a counter: it wraps after 2 to the power of this"
+    )
+    invalid: tuple[float, ...] = Field(
+        default=(), description="raw values that stand for no reading: that sample counts as lost"
+    )
+    status: ModbusStatus | None = Field(
+        default=None, description="word that must be good, else that sample counts as lost"
+    )
+    sign: ModbusSign | None = Field(
+        default=None, description="bit that is 1 while the value is negative"
+    )
 
     @model_validator(mode="after")
     def _fits_its_role(self) -> ModbusChannel:
@@ -144,87 +138,82 @@ class ModbusChannel(ModbusPlace):
 class ModbusWrite(ModbusPlace):
     """One value that is written, and read back."""
 
-    value: Annotated[float, Field(description="what is written")]
-    function: Annotated[
-        Literal[5, 6, 16] | None,
-        Field(description="Modbus function; left out: 5 for a coil, 6 for one register, else 16"),
-    ] = None
-    read_back: Annotated[
-        bool, Field(description="whether it reads back as written; false for a command register")
-    ] = True
+    value: float = Field(description="what is written")
+    function: Literal[5, 6, 16] | None = Field(
+        default=None,
+        description="Modbus function; left out: 5 for a coil, 6 for one register, else 16",
+    )
+    read_back: bool = Field(
+        default=True, description="whether it reads back as written; false for a command register"
+    )
 
 
 class ModbusEnable(ModbusPlace):
     """The drive's enable line."""
 
-    on: Annotated[int, Field(ge=0, le=65535, description="value that enables the drive")] = 1
-    off: Annotated[int, Field(ge=0, le=65535, description="value that disables it")] = 0
-    table: Annotated[Literal["holding", "coil"], Field(description="table it stands in")] = "coil"
-    type: Annotated[Literal["u16"], Field(description="type of the value")] = "u16"
+    on: int = Field(default=1, ge=0, le=65535, description="value that enables the drive")
+    off: int = Field(default=0, ge=0, le=65535, description="value that disables it")
+    table: Literal["holding", "coil"] = Field(default="coil", description="table it stands in")
+    type: Literal["u16"] = Field(default="u16", description="type of the value")
 
 
 class ModbusFeed(ModbusPlace):
     """What is written to feed the watchdog; it must move nothing."""
 
-    kind: Annotated[
-        Literal["key", "toggle", "increment"],
-        Field(description="always `value`, 0 and `value` in turn, or one more every time"),
-    ] = "toggle"
-    value: Annotated[int, Field(ge=1, le=65535, description="value that is written")] = 1
-    type: Annotated[Literal["u16"], Field(description="type of the value")] = "u16"
+    kind: Literal["key", "toggle", "increment"] = Field(
+        default="toggle",
+        description="always `value`, 0 and `value` in turn, or one more every time",
+    )
+    value: int = Field(default=1, ge=1, le=65535, description="value that is written")
+    type: Literal["u16"] = Field(default="u16", description="type of the value")
 
 
 class ModbusWatchdog(Table):
     """The watchdog that lives in the device."""
 
-    time: Annotated[ModbusPlace, Field(description="register of its time")]
-    unit_s: Annotated[PositiveFloat, Field(description="one step of that register, s")]
-    min_s: Annotated[PositiveFloat, Field(description="shortest time, s")]
-    max_s: Annotated[PositiveFloat, Field(description="longest time, s")]
-    fed_by: Annotated[
-        Literal["message", "write", "key"],
-        Field(description="what feeds it: any request, any write, or a key in a register"),
-    ]
-    feed: Annotated[
-        ModbusFeed | None, Field(description="what is written to feed it; none for `message`")
-    ] = None
-    tripped: Annotated[ModbusIdentify, Field(description="what reads so after it has tripped")]
-    drops: Annotated[
-        tuple[Literal["reference", "enable"], ...],
-        Field(min_length=1, description="outputs that it makes safe"),
-    ] = ("reference", "enable")
-    latches: Annotated[bool, Field(description="whether outputs stay safe until it is cleared")] = (
-        True
+    time: ModbusPlace = Field(description="register of its time")
+    unit_s: PositiveFloat = Field(description="one step of that register, s")
+    min_s: PositiveFloat = Field(description="shortest time, s")
+    max_s: PositiveFloat = Field(description="longest time, s")
+    fed_by: Literal["message", "write", "key"] = Field(
+        description="what feeds it: any request, any write, or a key in a register"
     )
-    clear: Annotated[
-        tuple[ModbusWrite, ...], Field(description="writes that clear a trip, in order")
-    ] = ()
+    feed: ModbusFeed | None = Field(
+        default=None, description="what is written to feed it; none for `message`"
+    )
+    tripped: ModbusIdentify = Field(description="what reads so after it has tripped")
+    drops: tuple[Literal["reference", "enable"], ...] = Field(
+        default=("reference", "enable"), min_length=1, description="outputs that it makes safe"
+    )
+    latches: bool = Field(default=True, description="whether outputs stay safe until it is cleared")
+    clear: tuple[ModbusWrite, ...] = Field(
+        default=(), description="writes that clear a trip, in order"
+    )
 
 
 class ModbusOutput(OutputChannel, ModbusPlace):
     """The motor reference, the drive's enable line and the watchdog behind them."""
 
-    table: Annotated[Literal["holding"], Field(description="table it stands in")] = "holding"
-    scale: Annotated[float, Field(description="V per step")] = 1.0
-    offset: Annotated[float, Field(description="output at zero, V")] = 0.0
-    function: Annotated[
-        Literal[6, 16] | None,
-        Field(description="Modbus function; left out: 6 for one register, else 16"),
-    ] = None
-    read_back: Annotated[
-        ModbusPlace | None,
-        Field(description="where the output reads back; left out: where it is written"),
-    ] = None
-    brake_s: Annotated[
-        NonNegative,
-        Field(le=1.0, description="time from reference zero to enable off in the safe state, s"),
-    ] = 0.1
-    enable: Annotated[
-        ModbusEnable | None, Field(description="[daq.output.enable]: none, no enable line")
-    ] = None
-    watchdog: Annotated[
-        ModbusWatchdog | None, Field(description="[daq.output.watchdog]: none, no motion")
-    ] = None
+    table: Literal["holding"] = Field(default="holding", description="table it stands in")
+    scale: float = Field(default=1.0, description="V per step")
+    offset: float = Field(default=0.0, description="output at zero, V")
+    function: Literal[6, 16] | None = Field(
+        default=None, description="Modbus function; left out: 6 for one register, else 16"
+    )
+    read_back: ModbusPlace | None = Field(
+        default=None, description="where the output reads back; left out: where it is written"
+    )
+    brake_s: NonNegative = Field(
+        default=0.1,
+        le=1.0,
+        description="time from reference zero to enable off in the safe state, s",
+    )
+    enable: ModbusEnable | None = Field(
+        default=None, description="[daq.output.enable]: none, no enable line"
+    )
+    watchdog: ModbusWatchdog | None = Field(
+        default=None, description="[daq.output.watchdog]: none, no motion"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> ModbusOutput:
@@ -258,71 +247,61 @@ class ModbusOutput(OutputChannel, ModbusPlace):
 class ModbusAcquisition(Acquisition):
     """A polled Modbus device: requests per sample, times are the host's."""
 
-    driver: Annotated[Literal["modbus"], Field(description="driver that speaks to the DAQ")]
-    address: Annotated[
-        str,
-        Field(
-            pattern=r"^(embedded|(tcp|tls|udp|rtu\+tcp)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?"
-            r"|(rtu|ascii)://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
-            max_length=256,
-            description="`embedded` (emulated), tcp://, tls://, udp:// or rtu+tcp://HOST[:PORT], "
-            "rtu:// or ascii:///dev/NAME?baud=RATE",
-        ),
-    ] = "embedded"
-    vendor: Annotated[str, Field(max_length=64, description="who makes the device")] = ""
-    model: Annotated[str, Field(max_length=64, description="model of the device")] = ""
-    unit: Annotated[int, Field(ge=1, le=247, description="Modbus unit identifier")] = 1
-    numbering: Annotated[
-        Literal["zero", "one", "modicon"],
-        Field(
-            description="how `address` counts: from 0 as on the wire, from 1, or as 40001 "
-            "(holding), 30001 (input), 10001 (discrete), 1 (coil)"
-        ),
-    ] = "zero"
-    max_read_registers: Annotated[
-        int, Field(ge=1, le=125, description="most registers that one request may read")
-    ] = 125
-    bridge_registers: Annotated[
-        int,
-        Field(
-            ge=0,
-            le=64,
-            description="registers that are not listed and may be read with their neighbours, so "
-            "that one request does for two",
-        ),
-    ] = 0
-    min_gap_s: Annotated[
-        NonNegative, Field(le=1.0, description="rest of the device between two requests, s")
-    ] = 0.0
-    reply_s: Annotated[
-        NonNegative,
-        Field(le=1.0, description="time that the device takes for a reply, the wire left out, s"),
-    ] = 0.01
-    refresh_hz: Annotated[
-        PositiveFloat | None,
-        Field(description="how often the device renews its values, Hz; none: with every request"),
-    ] = None
-    identify: Annotated[
-        tuple[ModbusIdentify, ...],
-        Field(description="values by which the device is known, checked before any write"),
-    ] = ()
-    init: Annotated[
-        tuple[ModbusWrite, ...],
-        Field(description="settings, written only where they differ: flash wears out"),
-    ] = ()
-    channels: Annotated[
-        tuple[ModbusChannel, ...], Field(description="what is polled, in order")
-    ] = ()
-    output: Annotated[
-        ModbusOutput | None, Field(description="[daq.output]: motor reference; none: no motion")
-    ] = None
-    serial: Annotated[
-        SerialLine | None,
-        Field(description="[daq.serial], for rtu:// and ascii:// only: the serial line"),
-    ] = None
-    tls: Annotated[
-        TlsFiles | None, Field(description="[daq.tls], for tls:// only: the certificates")
-    ] = None
+    driver: Literal["modbus"] = Field(description="driver that speaks to the DAQ")
+    address: str = Field(
+        default="embedded",
+        pattern=r"^(embedded|(tcp|tls|udp|rtu\+tcp)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?"
+        r"|(rtu|ascii)://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
+        max_length=256,
+        description="`embedded` (emulated), tcp://, tls://, udp:// or rtu+tcp://HOST[:PORT], "
+        "rtu:// or ascii:///dev/NAME?baud=RATE",
+    )
+    vendor: str = Field(default="", max_length=64, description="who makes the device")
+    model: str = Field(default="", max_length=64, description="model of the device")
+    unit: int = Field(default=1, ge=1, le=247, description="Modbus unit identifier")
+    numbering: Literal["zero", "one", "modicon"] = Field(
+        default="zero",
+        description="how `address` counts: from 0 as on the wire, from 1, or as 40001 "
+        "(holding), 30001 (input), 10001 (discrete), 1 (coil)",
+    )
+    max_read_registers: int = Field(
+        default=125, ge=1, le=125, description="most registers that one request may read"
+    )
+    bridge_registers: int = Field(
+        default=0,
+        ge=0,
+        le=64,
+        description="registers that are not listed and may be read with their neighbours, so "
+        "that one request does for two",
+    )
+    min_gap_s: NonNegative = Field(
+        default=0.0, le=1.0, description="rest of the device between two requests, s"
+    )
+    reply_s: NonNegative = Field(
+        default=0.01,
+        le=1.0,
+        description="time that the device takes for a reply, the wire left out, s",
+    )
+    refresh_hz: PositiveFloat | None = Field(
+        default=None,
+        description="how often the device renews its values, Hz; none: with every request",
+    )
+    identify: tuple[ModbusIdentify, ...] = Field(
+        default=(), description="values by which the device is known, checked before any write"
+    )
+    init: tuple[ModbusWrite, ...] = Field(
+        default=(), description="settings, written only where they differ: flash wears out"
+    )
+    channels: tuple[ModbusChannel, ...] = Field(default=(), description="what is polled, in order")
+    output: ModbusOutput | None = Field(
+        default=None, description="[daq.output]: motor reference; none: no motion"
+    )
+    serial: SerialLine | None = Field(
+        default=None, description="[daq.serial], for rtu:// and ascii:// only: the serial line"
+    )
+    tls: TlsFiles | None = Field(
+        default=None, description="[daq.tls], for tls:// only: the certificates"
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield the keys of this table that do not go together."""

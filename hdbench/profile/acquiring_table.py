@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint, entry_points
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, PositiveFloat, ValidationInfo, field_validator, model_validator
 
@@ -69,32 +69,26 @@ ROLES: tuple[Role, ...] = ("torque", "tacho", "current", "reference", "encoder")
 class Acquisition(Table):
     """The DAQ: how it is reached and how it samples."""
 
-    driver: Annotated[str, Field(description="driver that speaks to the DAQ")]
-    address: Annotated[
-        str,
-        Field(
-            min_length=1,
-            max_length=256,
-            description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT, "
-            "rtu:///dev/NAME and others; which of them depends on the driver",
-        ),
-    ] = "embedded"
-    sample_period_s: Annotated[
-        PositiveFloat, Field(ge=1e-4, le=1.0, description="sampling period, s")
-    ]
-    range_v: Annotated[PositiveFloat, Field(description="input range +-, V")] = 10.0
-    resolution_bits: Annotated[int, Field(ge=8, le=24, description="ADC resolution, bit")] = 16
-    watchdog_s: Annotated[
-        PositiveFloat,
-        Field(le=5.0, description="host silence after which the device zeroes the motor, s"),
-    ] = 0.5
-    deadline_s: Annotated[
-        PositiveFloat, Field(le=2.0, description="longest wait for one reply, s")
-    ] = 0.25
-    verified: Annotated[
-        Literal["none", "emulator", "hardware"],
-        Field(description="what this table was tried on"),
-    ] = "none"
+    driver: str = Field(description="driver that speaks to the DAQ")
+    address: str = Field(
+        default="embedded",
+        min_length=1,
+        max_length=256,
+        description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT, "
+        "rtu:///dev/NAME and others; which of them depends on the driver",
+    )
+    sample_period_s: PositiveFloat = Field(ge=1e-4, le=1.0, description="sampling period, s")
+    range_v: PositiveFloat = Field(default=10.0, description="input range +-, V")
+    resolution_bits: int = Field(default=16, ge=8, le=24, description="ADC resolution, bit")
+    watchdog_s: PositiveFloat = Field(
+        default=0.5, le=5.0, description="host silence after which the device zeroes the motor, s"
+    )
+    deadline_s: PositiveFloat = Field(
+        default=0.25, le=2.0, description="longest wait for one reply, s"
+    )
+    verified: Literal["none", "emulator", "hardware"] = Field(
+        default="none", description="what this table was tried on"
+    )
 
     @field_validator("driver")
     @classmethod
@@ -156,83 +150,74 @@ class Acquisition(Table):
 class SerialLine(Table):
     """A serial line that carries Modbus RTU or ASCII."""
 
-    baud_bd: Annotated[
-        int, Field(ge=1200, le=4_000_000, description="bit rate of the line, bit/s")
-    ] = 115200
-    parity: Annotated[
-        Literal["none", "even", "odd"], Field(description="parity; Modbus asks for even")
-    ] = "even"
-    stop_bits: Annotated[
-        int, Field(ge=1, le=2, description="stop bits; two where there is no parity")
-    ] = 1
-    data_bits: Annotated[
-        Literal[7, 8] | None,
-        Field(description="data bits; left out: 8, of Modbus ASCII 7"),
-    ] = None
-    gap_s: Annotated[
-        NonNegative | None,
-        Field(
-            le=1.0,
-            description="silence between frames, s; left out: 3.5 characters, as up to 19200 "
-            "bit/s the specification asks; above that it advises 1.75 ms",
-        ),
-    ] = None
+    baud_bd: int = Field(
+        default=115200, ge=1200, le=4_000_000, description="bit rate of the line, bit/s"
+    )
+    parity: Literal["none", "even", "odd"] = Field(
+        default="even", description="parity; Modbus asks for even"
+    )
+    stop_bits: int = Field(
+        default=1, ge=1, le=2, description="stop bits; two where there is no parity"
+    )
+    data_bits: Literal[7, 8] | None = Field(
+        default=None, description="data bits; left out: 8, of Modbus ASCII 7"
+    )
+    gap_s: NonNegative | None = Field(
+        default=None,
+        le=1.0,
+        description="silence between frames, s; left out: 3.5 characters, as up to 19200 "
+        "bit/s the specification asks; above that it advises 1.75 ms",
+    )
 
 
 class TlsFiles(Table):
     """Certificates of Modbus/TCP Security (``tls://HOST:802``)."""
 
-    certificate: Annotated[str, Field(description="PEM file of this computer's certificate")]
-    key: Annotated[str, Field(description="PEM file of its private key, mode 0600")]
-    authority: Annotated[str, Field(description="PEM file of whoever signed the device's")]
-    server_name: Annotated[
-        str | None, Field(description="name in the device's certificate; left out: its host name")
-    ] = None
+    certificate: str = Field(description="PEM file of this computer's certificate")
+    key: str = Field(description="PEM file of its private key, mode 0600")
+    authority: str = Field(description="PEM file of whoever signed the device's")
+    server_name: str | None = Field(
+        default=None, description="name in the device's certificate; left out: its host name"
+    )
 
 
 class OutputChannel(Table):
     """The motor reference where the host writes it."""
 
-    limit_v: Annotated[PositiveFloat, Field(description="largest motor reference, either sign, V")]
-    update_s: Annotated[
-        PositiveFloat,
-        Field(ge=1e-3, le=1.0, description="time between two values of the reference, s"),
-    ] = 0.01
-    slew_v_per_s: Annotated[
-        PositiveFloat, Field(description="fastest change of the reference, V/s")
-    ] = 1000.0
+    limit_v: PositiveFloat = Field(description="largest motor reference, either sign, V")
+    update_s: PositiveFloat = Field(
+        default=0.01, ge=1e-3, le=1.0, description="time between two values of the reference, s"
+    )
+    slew_v_per_s: PositiveFloat = Field(
+        default=1000.0, description="fastest change of the reference, V/s"
+    )
 
 
 class NodeAcquisition(Acquisition):
     """A bench controller node on Modbus (docs/node-protocol.md)."""
 
-    driver: Annotated[Literal["node"], Field(description="driver that speaks to the DAQ")] = "node"
-    address: Annotated[
-        str,
-        Field(
-            pattern=r"^(embedded|(tcp|tls)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+):[0-9]{1,5}"
-            r"|rtu://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
-            max_length=256,
-            description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT or "
-            "rtu:///dev/NAME?baud=RATE",
-        ),
-    ] = "embedded"
-    resolution_bits: Annotated[int, Field(ge=8, le=16, description="ADC resolution, bit")] = 16
-    watchdog_s: Annotated[
-        PositiveFloat,
-        Field(le=2.0, description="host silence after which the node zeroes the motor, s"),
-    ] = 0.5
-    channels: Annotated[
-        tuple[Role, ...],
-        Field(
-            min_length=1,
-            description="what is sampled; fewer channels let a slow serial line follow",
-        ),
-    ] = ROLES
-    unit: Annotated[int, Field(ge=1, le=247, description="Modbus unit identifier")] = 1
-    serial: Annotated[
-        SerialLine | None, Field(description="[daq.serial], for rtu:// only: the serial line")
-    ] = None
-    tls: Annotated[
-        TlsFiles | None, Field(description="[daq.tls], for tls:// only: the certificates")
-    ] = None
+    driver: Literal["node"] = Field(default="node", description="driver that speaks to the DAQ")
+    address: str = Field(
+        default="embedded",
+        pattern=r"^(embedded|(tcp|tls)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+):[0-9]{1,5}"
+        r"|rtu://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
+        max_length=256,
+        description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT or "
+        "rtu:///dev/NAME?baud=RATE",
+    )
+    resolution_bits: int = Field(default=16, ge=8, le=16, description="ADC resolution, bit")
+    watchdog_s: PositiveFloat = Field(
+        default=0.5, le=2.0, description="host silence after which the node zeroes the motor, s"
+    )
+    channels: tuple[Role, ...] = Field(
+        default=ROLES,
+        min_length=1,
+        description="what is sampled; fewer channels let a slow serial line follow",
+    )
+    unit: int = Field(default=1, ge=1, le=247, description="Modbus unit identifier")
+    serial: SerialLine | None = Field(
+        default=None, description="[daq.serial], for rtu:// only: the serial line"
+    )
+    tls: TlsFiles | None = Field(
+        default=None, description="[daq.tls], for tls:// only: the certificates"
+    )

@@ -13,12 +13,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from hdbench.errors import ProfileError
 from hdbench.profile.acquiring import Acquisition, NodeAcquisition, driver_table
-from hdbench.profile.schema import Name, ProfileData
+from hdbench.profile.schema import ProfileData
 from hdbench.profile.tables import CONFLICT, Conflict
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
@@ -68,26 +68,24 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     return next((m for arg in get_args(annotation) if (m := _model_in(arg)) is not None), None)
 
 
-def _model_at(model: type[BaseModel] | None, key: Key) -> type[BaseModel] | None:
+def _model_at(key: Key) -> type[BaseModel] | None:
+    """Return the table at a place in the profile, None where there is none."""
+    model: type[BaseModel] | None = ProfileData
     for part in key:
         if model is None or isinstance(part, int):
             continue
-        if driver_table(part) is not None:
-            model = driver_table(part)
-            continue
         field = model.model_fields.get(part)
-        model = None if field is None else _model_in(field.annotation)
+        model = driver_table(part) or (None if field is None else _model_in(field.annotation))
     return model
 
 
-def _field_at(root: type[BaseModel], key: Key) -> FieldInfo | None:
-    named = key
-    while named and isinstance(named[-1], int):
-        named = named[:-1]
-    if not named:
-        return None
-    model = _model_at(root, named[:-1])
-    return None if model is None else model.model_fields.get(str(named[-1]))
+def _meaning(key: Key) -> str:
+    """Return what a key means; of an entry of a list what the list means."""
+    while key and isinstance(key[-1], int):
+        key = key[:-1]
+    model = _model_at(key[:-1]) if key else None
+    field = None if model is None else model.model_fields.get(str(key[-1]))
+    return (field.description if field else None) or "see 'hdbench profile schema'"
 
 
 def known_keys(root: type[BaseModel], base: Key = ()) -> Iterator[Key]:
@@ -101,21 +99,17 @@ def known_keys(root: type[BaseModel], base: Key = ()) -> Iterator[Key]:
             yield from known_keys(below, (*base, name))
 
 
-def _nearest(root: type[BaseModel], key: Key) -> str:
+def _nearest(tagged: Key, key: Key) -> str:
     """Return the fix for an unknown key: the nearest one that exists."""
-    name = str(key[-1])
-    model = _model_at(root, key[:-1])
+    model = _model_at(tagged[:-1])
     siblings = list(model.model_fields) if model is not None else []
-    key = tuple(part for part in key if driver_table(part) is None)
-    near = difflib.get_close_matches(name, siblings, n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {key_text((*key[:-1], near[0]))!r}?"
     everywhere: dict[str, str] = {}
-    for path in known_keys(root):
+    for path in known_keys(ProfileData):
         everywhere.setdefault(str(path[-1]), key_text(path))
-    near = difflib.get_close_matches(name, everywhere, n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {everywhere[near[0]]!r}? else take the key out"
+    beside = {name: key_text((*key[:-1], name)) for name in siblings}
+    for known, more in ((beside, ""), (everywhere, " else take the key out")):
+        for near in difflib.get_close_matches(str(key[-1]), known, n=1):
+            return f"did you mean {known[near]!r}?{more}"
     return f"take it out; known here: {', '.join(siblings)}" if siblings else "take it out"
 
 
@@ -149,38 +143,28 @@ def _needed(error: Mapping[str, Any]) -> str:
 
 
 def schema_problems(
-    root: type[BaseModel], path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
+    path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
 ) -> list[ProfileError]:
     """Return one finding of pydantic as problems with file, line, key, found and needed."""
     tagged: Key = tuple(error["loc"])
     # the table of a driver stands in the location, but not in the file
     key = tuple(part for part in tagged if driver_table(part) is None)
-    if error["type"] == CONFLICT:
+    kind = error["type"]
+    if kind == CONFLICT:
         found: list[Conflict] = error["ctx"]["conflicts"]
         return [problem(path, lines, (*key, *c.key), c.what, c.fix) for c in found]
-    if error["type"] == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"]):
+    if kind == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"]):
         # entries that are wrong themselves are not counted; each of them is named
         return []
-    return [_schema_problem(root, path, lines, error, tagged, key)]
-
-
-def _schema_problem(
-    root: type[BaseModel],
-    path: str,
-    lines: Mapping[Key, int],
-    error: Mapping[str, Any],
-    tagged: Key,
-    key: Key,
-) -> ProfileError:
-    if error["type"] == "extra_forbidden":
-        return problem(path, lines, key, "unknown", _nearest(root, tagged))
-    field = _field_at(root, tagged)
-    meaning = (field.description if field is not None else None) or "see 'hdbench profile schema'"
-    if error["type"] == "missing":
-        line = f"add '{key[-1]} = ...' to {key_text(key[:-1])}" if key else "fill the profile"
-        return problem(path, lines, key, f"missing; needed: {meaning}", line)
-    what = f"found {_shown(error['input'])}; needed: {_needed(error)} ({meaning})"
-    return problem(path, lines, key, what, f"correct the value of {key_text(key)}")
+    fix = f"correct the value of {key_text(key)}"
+    if kind == "extra_forbidden":
+        what, fix = "unknown", _nearest(tagged, key)
+    elif kind == "missing":
+        what = f"missing; needed: {_meaning(tagged)}"
+        fix = f"add '{key[-1]} = ...' to {key_text(key[:-1])}" if key else "fill the profile"
+    else:
+        what = f"found {_shown(error['input'])}; needed: {_needed(error)} ({_meaning(tagged)})"
+    return [problem(path, lines, key, what, fix)]
 
 
 _PACKAGE = "hdbench_profiles"
@@ -311,8 +295,6 @@ def _tuples(value: Any) -> Any:
 def profile_from_json(text: str) -> ProfileData:
     """Return the profile that another process has written as JSON.
 
-    Notes
-    -----
     JSON has lists where a profile has tuples, and a table that fills in keys before it is checked
     (a composite) is then checked strictly.
     """
@@ -339,22 +321,40 @@ def parse_profile(text: str, path: str) -> Profile:
         If anything is wrong. ``problems`` holds every problem at once, in the order of the lines,
         each with file and line, key, what was found and what is needed with its unit.
     """
-    raw = _tuples(read_toml(text, path))
-    found: list[ProfileError] = []
-    data = None
-    lines = key_lines(text)
-    try:
-        data = ProfileData.model_validate(raw)
-    except ValidationError as error:
-        found = [
-            one
-            for entry in error.errors(include_url=False)
-            for one in schema_problems(ProfileData, path, lines, entry)
-        ]
-    if data is None:
-        raise _all_problems(path, found)
+    data = _checked(_tuples(read_toml(text, path)), path, text)
     digest = hashlib.sha256(text.encode()).hexdigest()
     return Profile(data, text, digest, path, data.identity.drive_serial)
+
+
+def _checked(body: dict[str, Any], path: str, text: str = "") -> ProfileData:
+    """Return a profile, or raise all that is wrong with it."""
+    try:
+        return ProfileData.model_validate(body)
+    except ValidationError as error:
+        lines = key_lines(text)
+        entries = error.errors(include_url=False)
+        found = [one for entry in entries for one in schema_problems(path, lines, entry)]
+        raise _all_problems(path, found) from error
+
+
+def check_loads(profile: Profile) -> None:
+    """Refuse a profile whose weights exceed its torque limit.
+
+    Parameters
+    ----------
+    profile : Profile
+        The bench on which weights are to hang; what hangs none needs no such check.
+
+    Raises
+    ------
+    ProfileError
+        With file, line and key of each list of weights that is too heavy.
+    """
+    lines = key_lines(profile.text)
+    conflicts = profile.data.load_conflicts()
+    found = [problem(profile.path, lines, c.key, c.what, c.fix) for c in conflicts]
+    if found:
+        raise _all_problems(profile.path, found)
 
 
 def _all_problems(path: str, found: list[ProfileError]) -> ProfileError:
@@ -450,47 +450,21 @@ def new_profile(name: str, filled: Mapping[str, tuple[Any, str]] | None = None) 
     ProfileError
         If `name` is not such a name, or a value is outside of its domain.
     """
-    try:
-        TypeAdapter(Name).validate_python(name)
-    except ValidationError as error:
-        raise ProfileError(
-            f"name {name!r:.80}; needed: small letters, digits, '.', '_' and '-', at most 64",
-            where="name of the new profile",
-            fix="choose another name",
-        ) from error
-    start = load_profile(_START).data
-    changes: Mapping[str, Any] = {"name": name, "description": f"bench {name}"}
+    body = load_profile(_START).data.model_dump()
+    body |= {"name": name, "description": f"bench {name}"}
+    for key, (value, _) in (filled or {}).items():
+        *tables, last = key.split(".")
+        table = body
+        for part in tables:
+            table = table[part]
+        table[last] = value
+    data = _checked(body, "the new profile")
     what = f"Every value is still that of {_START}: go through them one by one."
     if filled:
         what = f"What bears no reason is still that of {_START}: go through it."
     lines = [
         f"# A new bench. {what}",
         "# Units stand in the key names; 'hdbench profile check FILE' checks this file.",
-        *_table(
-            _changed(start, filled or {}).model_copy(update=changes),
-            "",
-            "",
-            {key: why for key, (_, why) in (filled or {}).items()},
-        ),
+        *_table(data, "", "", {key: why for key, (_, why) in (filled or {}).items()}),
     ]
     return "\n".join(lines) + "\n"
-
-
-def _changed(start: ProfileData, filled: Mapping[str, tuple[Any, str]]) -> ProfileData:
-    """Return a profile with other values."""
-    body = start.model_dump()
-    for key, (value, _) in filled.items():
-        *tables, last = key.split(".")
-        table = body
-        for part in tables:
-            table = table[part]
-        table[last] = value
-    try:
-        return ProfileData.model_validate(body)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ProfileError(
-            f"{'.'.join(map(str, first['loc']))}: {first['msg']}; found {first['input']!r:.60}",
-            where="values of the new profile",
-            fix="give another value",
-        ) from error

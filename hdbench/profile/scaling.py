@@ -10,7 +10,8 @@ from typing import Any
 from hdbench.errors import DataError
 from hdbench.profile.loader import Profile
 from hdbench.records import Quantity, TorqueScale, Trace
-from hdbench.records.jsonfile import read_json, sha256_file
+from hdbench.records.jsonfile import read_json
+from hdbench.records.storage import sha256_file
 
 # clocks of two computers may differ by minutes; by an hour where one keeps the wrong season
 _CLOCK_SLACK = timedelta(hours=1)
@@ -42,26 +43,18 @@ def read_calibration(path: Path) -> TorqueScale:
 
 
 def _quantity(value: Any, file: Path) -> Quantity:
-    if not (isinstance(value, dict) and {"value", "std"} <= value.keys()):
-        raise DataError(
-            f"gain_nm_per_v is {value!r}; needed: an object with value, std and dof, N m/V",
-            where=f"{file}: gain_nm_per_v",
-            fix="calibrate again, or name another file",
-        )
+    """Return a stored gain, checked."""
     try:
         gain = Quantity(float(value["value"]), float(value["std"]), value.get("dof"))
-    except (TypeError, ValueError) as error:
+        if gain.value == 0.0:
+            raise ValueError("value is 0 N m/V")
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DataError(
-            f"gain_nm_per_v cannot be used: {error}",
+            f"gain_nm_per_v is {value!r:.80} ({error}); needed: an object with value (not 0), std "
+            "and dof, N m/V",
             where=f"{file}: gain_nm_per_v",
             fix="calibrate again, or name another file",
         ) from error
-    if gain.value == 0.0:
-        raise DataError(
-            "gain_nm_per_v is 0 N m/V; needed: a gain other than zero",
-            where=f"{file}: gain_nm_per_v",
-            fix="calibrate again, or name another file",
-        )
     return gain
 
 

@@ -16,31 +16,9 @@ from pydantic import (
     model_validator,
 )
 
-from hdbench.profile.acquiring import Acquisition, AnyAcquisition
+from hdbench.profile.acquiring import AnyAcquisition
 from hdbench.profile.calibrating import Arm, CalibrationPlan, Identity, Standards
 from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
-
-__all__ = [
-    "Acquisition",
-    "Arm",
-    "CalibrationPlan",
-    "Drive",
-    "Encoder",
-    "FilterSettings",
-    "HarmonicParameters",
-    "Identity",
-    "Limits",
-    "MisalignmentParameters",
-    "MisalignmentPlan",
-    "ModelParameters",
-    "ProfileData",
-    "ReferenceWave",
-    "RipplePlan",
-    "Sensor",
-    "Servo",
-    "Standards",
-    "Tacho",
-]
 
 # shares of a period given as decimals add up to 1 within a few roundings
 _SHARE_ROUNDING = 1e-12
@@ -56,119 +34,107 @@ Name = Annotated[
 class Drive(Table):
     """The harmonic drive and the load on it."""
 
-    gear_ratio: Annotated[
-        float, Field(ge=1.0, le=1000.0, description="motor turns per output turn")
-    ]
-    rated_torque_nm: Annotated[PositiveFloat, Field(description="rated output torque, N m")]
-    load_inertia_kg_m2: Annotated[
-        PositiveFloat, Field(description="inertia of the load about the output, kg m^2")
-    ]
-    flexspline_diameter_mm: Annotated[PositiveFloat, Field(description="flexspline diameter, mm")]
-    flexspline_length_mm: Annotated[PositiveFloat, Field(description="flexspline length, mm")]
-    flexspline: Annotated[
-        Literal["standing", "turning"],
-        Field(
-            description="whether the flexspline with its gauges stands or turns with the output; "
-            "gauge ripple has motor order 2 on a standing one, 2 (1 + 1/N) on a turning one"
-        ),
-    ] = "standing"
+    gear_ratio: float = Field(ge=1.0, le=1000.0, description="motor turns per output turn")
+    rated_torque_nm: PositiveFloat = Field(description="rated output torque, N m")
+    load_inertia_kg_m2: PositiveFloat = Field(
+        description="inertia of the load about the output, kg m^2"
+    )
+    flexspline_diameter_mm: PositiveFloat = Field(description="flexspline diameter, mm")
+    flexspline_length_mm: PositiveFloat = Field(description="flexspline length, mm")
+    flexspline: Literal["standing", "turning"] = Field(
+        default="standing",
+        description="whether the flexspline with its gauges stands or turns with the output; "
+        "gauge ripple has motor order 2 on a standing one, 2 (1 + 1/N) on a turning one",
+    )
 
 
 class Sensor(Table):
     """Strain-gauge bridge on the flexspline and its amplifier."""
 
-    gain_nm_per_v: Annotated[PositiveFloat, Field(description="torque per amplified volt, N m/V")]
-    gain_consistency: Annotated[
-        NonNegative,
-        Field(lt=0.5, description="std over mean of the gain between flexspline positions"),
-    ]
-    excitation_v: Annotated[PositiveFloat, Field(description="bridge supply, V")]
-    amplifier_gain: Annotated[PositiveFloat, Field(description="amplifier gain, V/V")]
-    gauge_factor: Annotated[PositiveFloat, Field(description="gauge factor K of the gauges")] = 2.0
-    wave_strain: Annotated[
-        NonNegative,
-        Field(description="strain amplitude Psi_0 that the wave generator imposes at a gauge pair"),
-    ] = 200e-6
-    noise_nm: Annotated[
-        NonNegative, Field(description="white noise of the torque channel, N m per sample")
-    ] = 0.05
+    gain_nm_per_v: PositiveFloat = Field(description="torque per amplified volt, N m/V")
+    gain_consistency: NonNegative = Field(
+        lt=0.5, description="std over mean of the gain between flexspline positions"
+    )
+    excitation_v: PositiveFloat = Field(description="bridge supply, V")
+    amplifier_gain: PositiveFloat = Field(description="amplifier gain, V/V")
+    gauge_factor: PositiveFloat = Field(default=2.0, description="gauge factor K of the gauges")
+    wave_strain: NonNegative = Field(
+        default=200e-6,
+        description="strain amplitude Psi_0 that the wave generator imposes at a gauge pair",
+    )
+    noise_nm: NonNegative = Field(
+        default=0.05, description="white noise of the torque channel, N m per sample"
+    )
 
 
 class Tacho(Table):
     """Tachogenerator on the motor."""
 
-    gain_rad_s_per_v: Annotated[PositiveFloat, Field(description="motor speed per volt, rad/s/V")]
-    noise_v: Annotated[NonNegative, Field(description="white noise, V per sample")] = 0.001
+    gain_rad_s_per_v: PositiveFloat = Field(description="motor speed per volt, rad/s/V")
+    noise_v: NonNegative = Field(default=0.001, description="white noise, V per sample")
 
 
 class Encoder(Table):
     """Incremental encoder on the motor."""
 
-    counts_per_turn: Annotated[
-        PositiveInt, Field(description="counts per motor turn after quadrature, 1")
-    ]
+    counts_per_turn: PositiveInt = Field(description="counts per motor turn after quadrature, 1")
 
 
 class Servo(Table):
     """Motor with its servo amplifier: a velocity loop with limits."""
 
-    velocity_gain_rad_s_per_v: Annotated[
-        PositiveFloat, Field(description="commanded motor speed per reference volt, rad/s/V")
-    ]
-    bandwidth_hz: Annotated[PositiveFloat, Field(description="velocity loop bandwidth, Hz")]
-    max_acceleration_rad_s2: Annotated[
-        PositiveFloat, Field(description="acceleration at the current limit, rad/s^2")
-    ]
-    max_current_a: Annotated[PositiveFloat, Field(description="amplifier current limit, A")]
-    torque_constant_nm_per_a: Annotated[
-        PositiveFloat, Field(description="motor torque constant, N m/A")
-    ]
+    velocity_gain_rad_s_per_v: PositiveFloat = Field(
+        description="commanded motor speed per reference volt, rad/s/V"
+    )
+    bandwidth_hz: PositiveFloat = Field(description="velocity loop bandwidth, Hz")
+    max_acceleration_rad_s2: PositiveFloat = Field(
+        description="acceleration at the current limit, rad/s^2"
+    )
+    max_current_a: PositiveFloat = Field(description="amplifier current limit, A")
+    torque_constant_nm_per_a: PositiveFloat = Field(description="motor torque constant, N m/A")
 
 
 class Limits(Table):
     """What a plan may ask of this bench; checked before anything moves."""
 
-    velocity_rad_s: Annotated[PositiveFloat, Field(description="motor speed, rad/s")]
-    reference_v: Annotated[PositiveFloat, Field(description="motor reference, V")]
-    torque_nm: Annotated[PositiveFloat, Field(description="output torque, N m")]
-    current_a: Annotated[PositiveFloat, Field(description="motor current, A")]
-    duration_s: Annotated[PositiveFloat, Field(description="longest single run, s")]
-    travel_rad: Annotated[
-        PositiveFloat | None,
-        Field(description="motor angle from where a run began, either way, rad; none: endless"),
-    ] = None
+    velocity_rad_s: PositiveFloat = Field(description="motor speed, rad/s")
+    reference_v: PositiveFloat = Field(description="motor reference, V")
+    torque_nm: PositiveFloat = Field(description="output torque, N m")
+    current_a: PositiveFloat = Field(description="motor current, A")
+    duration_s: PositiveFloat = Field(description="longest single run, s")
+    travel_rad: PositiveFloat | None = Field(
+        default=None,
+        description="motor angle from where a run began, either way, rad; none: endless",
+    )
 
 
 class ReferenceWave(Table):
     """Reference generator of the free-motion run, in volts of motor reference."""
 
-    wave: Annotated[
-        Literal["constant", "sine", "square", "triangle", "trapezoid", "chirp"],
-        Field(description="wave type"),
-    ]
-    bias_v: Annotated[float, Field(description="offset, V")] = 0.0
-    amplitude_v: Annotated[float, Field(description="amplitude, V")] = 0.0
-    frequency_hz: Annotated[
-        NonNegative, Field(description="frequency, Hz; of a chirp at its start")
-    ] = 0.0
-    end_frequency_hz: Annotated[
-        NonNegative, Field(description="frequency of a chirp at its end, Hz")
-    ] = 0.0
-    duty: Annotated[
-        float,
-        Field(
-            ge=0.0,
-            le=1.0,
-            description="share of the period that is high (square), of each half wave at full "
-            "amplitude (trapezoid)",
-        ),
-    ] = 0.5
-    rise: Annotated[
-        float, Field(ge=0.0, le=1.0, description="rise of a trapezoid, share of each half wave")
-    ] = 0.0
-    fall: Annotated[
-        float, Field(ge=0.0, le=1.0, description="fall of a trapezoid, share of each half wave")
-    ] = 0.0
+    wave: Literal["constant", "sine", "square", "triangle", "trapezoid", "chirp"] = Field(
+        description="wave type"
+    )
+    bias_v: float = Field(default=0.0, description="offset, V")
+    amplitude_v: float = Field(default=0.0, description="amplitude, V")
+    frequency_hz: NonNegative = Field(
+        default=0.0, description="frequency, Hz; of a chirp at its start"
+    )
+    end_frequency_hz: NonNegative = Field(
+        default=0.0, description="frequency of a chirp at its end, Hz"
+    )
+    duty: float = Field(
+        default=0.5,
+        ge=0.0,
+        le=1.0,
+        description="share of the period that is high (square), of each half wave at full "
+        "amplitude (trapezoid)",
+    )
+    rise: float = Field(
+        default=0.0, ge=0.0, le=1.0, description="rise of a trapezoid, share of each half wave"
+    )
+    fall: float = Field(
+        default=0.0, ge=0.0, le=1.0, description="fall of a trapezoid, share of each half wave"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> ReferenceWave:
@@ -207,78 +173,75 @@ class ReferenceWave(Table):
 class MisalignmentPlan(Table):
     """Constant-velocity run over whole output turns, both directions."""
 
-    velocity_rad_s: Annotated[PositiveFloat, Field(description="motor speed, rad/s")]
-    output_turns: Annotated[
-        float, Field(ge=2.0, le=100.0, description="output turns in each direction")
-    ]
-    settle_s: Annotated[NonNegative, Field(description="time after the start left out, s")] = 0.5
+    velocity_rad_s: PositiveFloat = Field(description="motor speed, rad/s")
+    output_turns: float = Field(ge=2.0, le=100.0, description="output turns in each direction")
+    settle_s: NonNegative = Field(default=0.5, description="time after the start left out, s")
 
 
 class RipplePlan(Table):
     """Free-motion run."""
 
     reference: ReferenceWave
-    duration_s: Annotated[PositiveFloat, Field(description="length of the run, s")]
-    steady_tolerance: Annotated[
-        PositiveFloat,
-        Field(lt=0.5, description="velocity spread, share of its mean, of a steady stretch"),
-    ] = 0.02
+    duration_s: PositiveFloat = Field(description="length of the run, s")
+    steady_tolerance: PositiveFloat = Field(
+        default=0.02, lt=0.5, description="velocity spread, share of its mean, of a steady stretch"
+    )
 
 
 class FilterSettings(Table):
     """The shared filter module on this bench."""
 
-    model: Annotated[
-        str, Field(min_length=1, description="report-a1, report-a2, report-6 or a model file")
-    ] = "report-6"
-    differentiator_time_constant_s: Annotated[
-        PositiveFloat, Field(description="time constant of s/(T s + 1), s")
-    ]
-    ripple_process_noise: Annotated[
-        PositiveFloat, Field(description="Q of the ripple blocks, (N m)^2 per sample")
-    ]
-    misalignment_process_noise: Annotated[
-        PositiveFloat, Field(description="Q of the output-order block, (N m)^2 per sample")
-    ]
-    measurement_noise: Annotated[PositiveFloat, Field(description="R, (N m)^2")]
-    butterworth_cutoff_hz: Annotated[
-        PositiveFloat, Field(description="low-pass for comparison, cut-off, Hz")
-    ] = 20.0
-    butterworth_order: Annotated[
-        int, Field(ge=1, le=8, description="low-pass for comparison, order")
-    ] = 2
+    model: str = Field(
+        default="report-6",
+        min_length=1,
+        description="report-a1, report-a2, report-6 or a model file",
+    )
+    differentiator_time_constant_s: PositiveFloat = Field(
+        description="time constant of s/(T s + 1), s"
+    )
+    ripple_process_noise: PositiveFloat = Field(
+        description="Q of the ripple blocks, (N m)^2 per sample"
+    )
+    misalignment_process_noise: PositiveFloat = Field(
+        description="Q of the output-order block, (N m)^2 per sample"
+    )
+    measurement_noise: PositiveFloat = Field(description="R, (N m)^2")
+    butterworth_cutoff_hz: PositiveFloat = Field(
+        default=20.0, description="low-pass for comparison, cut-off, Hz"
+    )
+    butterworth_order: int = Field(
+        default=2, ge=1, le=8, description="low-pass for comparison, order"
+    )
 
 
 class HarmonicParameters(Table):
     """One ripple component: amplitude cos(order * motor angle + phase)."""
 
-    order: Annotated[PositiveFloat, Field(description="cycles per motor turn")]
-    amplitude_nm: Annotated[NonNegative, Field(description="amplitude, N m")]
-    phase_rad: Annotated[float, Field(description="phase, rad")] = 0.0
+    order: PositiveFloat = Field(description="cycles per motor turn")
+    amplitude_nm: NonNegative = Field(description="amplitude, N m")
+    phase_rad: float = Field(default=0.0, description="phase, rad")
 
 
 class MisalignmentParameters(Table):
     """Misalignment torque: amplitude cos(output angle + phase)."""
 
-    amplitude_nm: Annotated[NonNegative, Field(description="amplitude, N m")]
-    phase_rad: Annotated[float, Field(description="phase, rad")] = 0.0
+    amplitude_nm: NonNegative = Field(description="amplitude, N m")
+    phase_rad: float = Field(default=0.0, description="phase, rad")
 
 
 class ModelParameters(Table):
     """Parameters of the bench model, that is of the simulation."""
 
-    zero_nm: Annotated[float, Field(description="zero offset, N m")] = 0.0
-    ripple: Annotated[
-        tuple[HarmonicParameters, ...], Field(description="torque ripple components")
-    ] = ()
-    baseline_orders: Annotated[
-        tuple[PositiveFloat, ...] | None,
-        Field(
-            min_length=1,
-            description="orders that every fit of a moving record holds beside those of `ripple`; "
-            "none: 2 and 4, those of a wave generator",
-        ),
-    ] = None
+    zero_nm: float = Field(default=0.0, description="zero offset, N m")
+    ripple: tuple[HarmonicParameters, ...] = Field(
+        default=(), description="torque ripple components"
+    )
+    baseline_orders: tuple[PositiveFloat, ...] | None = Field(
+        default=None,
+        min_length=1,
+        description="orders that every fit of a moving record holds beside those of `ripple`; "
+        "none: 2 and 4, those of a wave generator",
+    )
     misalignment: MisalignmentParameters
 
     @field_validator("ripple")
@@ -318,15 +281,13 @@ class ProfileData(Table):
     model_config = ConfigDict(defer_build=True)
 
     name: Name
-    description: Annotated[str, Field(description="one line for a person")] = ""
+    description: str = Field(default="", description="one line for a person")
     drive: Drive
     sensor: Sensor
     tacho: Tacho
     encoder: Encoder
     servo: Servo
-    daq: Annotated[
-        AnyAcquisition, Field(description="the DAQ; which keys it has depends on `driver`")
-    ]
+    daq: AnyAcquisition = Field(description="the DAQ; which keys it has depends on `driver`")
     limits: Limits
     arm: Arm
     standards: Standards = Standards()
@@ -358,17 +319,9 @@ class ProfileData(Table):
             )
         return plan
 
-    @field_validator("calibration")
-    @classmethod
-    def _loads(cls, plan: CalibrationPlan, info: ValidationInfo) -> CalibrationPlan:
-        arm, limits = info.data.get("arm"), info.data.get("limits")
-        if arm and limits:
-            arm_nm_per_kg = arm.gravity_m_s2 * arm.length_m
-            refuse(
-                conflict
-                for name in ("full_masses_kg", "low_masses_kg")
-                for conflict in _above(
-                    (name,), max(getattr(plan, name)) * arm_nm_per_kg, limits, "torque_nm", "N m"
-                )
-            )
-        return plan
+    def load_conflicts(self) -> Iterator[Conflict]:
+        """Yield where weights exceed the torque limit: only a calibration needs them to fit."""
+        arm_nm_per_kg = self.arm.gravity_m_s2 * self.arm.length_m
+        for name in ("full_masses_kg", "low_masses_kg"):
+            torque_nm = max(getattr(self.calibration, name)) * arm_nm_per_kg
+            yield from _above(("calibration", name), torque_nm, self.limits, "torque_nm", "N m")

@@ -22,21 +22,11 @@ class Table(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """Keys that do not go together.
+    """Keys that do not go together."""
 
-    Parameters
-    ----------
-    key : tuple of str or int
-        The key to look at, from the table or value that is checked.
-    what : str
-        What was found and what is needed, with unit.
-    fix : str
-        One next act.
-    """
-
-    key: tuple[str | int, ...]
-    what: str
-    fix: str
+    key: tuple[str | int, ...]  # the key to look at, from the table or value that is checked
+    what: str  # what was found and what is needed, with unit
+    fix: str  # one next act
 
 
 def refuse(conflicts: Iterable[Conflict]) -> None:

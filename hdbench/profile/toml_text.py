@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import ProfileError
+from hdbench.errors import DataError, ProfileError
+from hdbench.records.storage import file_bytes
 
 Key = tuple[str | int, ...]
 
@@ -33,28 +34,11 @@ _PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
 
 
 def toml_text(path: Path, fix: str) -> str:
-    """Read a TOML file as text."""
-    where = str(path)
+    """Read a TOML file as text; `fix` is what to do where there is none."""
     try:
-        if not path.is_file():
-            what = "is not a file" if path.exists() else "no such profile"
-            raise ProfileError(what, where=where, fix=fix)
-        size = path.stat().st_size
-        if size > _LIMIT_BYTES:
-            raise ProfileError(
-                f"{size} bytes; needed: at most {_LIMIT_BYTES}",
-                where=where,
-                fix="check that this is a profile",
-            )
-        return _decode(path.read_bytes(), where)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise ProfileError(
-            f"cannot read: {reason}", where=where, fix="check path and rights"
-        ) from error
-
-
-def _decode(raw: bytes, path: str) -> str:
+        raw = file_bytes(path, limit=_LIMIT_BYTES, what="profile", missing=fix)
+    except DataError as error:
+        raise ProfileError(error.what, where=error.where, fix=error.fix) from error
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -66,19 +50,14 @@ def _decode(raw: bytes, path: str) -> str:
 
 def read_toml(text: str, path: str) -> dict[str, Any]:
     """Parse TOML text that may be hostile."""
-    if len(text) > _LIMIT_BYTES:
-        raise ProfileError(
-            f"{len(text)} characters; needed: at most {_LIMIT_BYTES}",
-            where=path,
-            fix="check that this is a profile",
-        )
     lines = text.count("\n") + 1
-    if lines > _LIMIT_LINES:
-        raise ProfileError(
-            f"{lines} lines; needed: at most {_LIMIT_LINES}",
-            where=path,
-            fix="check that this is a profile",
-        )
+    for count, most, what in (
+        (len(text), _LIMIT_BYTES, "characters"),
+        (lines, _LIMIT_LINES, "lines"),
+    ):
+        if count > most:
+            what = f"{count} {what}; needed: at most {most}"
+            raise ProfileError(what, where=path, fix="check that this is a profile")
     deep = nesting_problem(text)
     if deep is not None:
         line, what = deep
@@ -105,20 +84,13 @@ def _syntax_error(message: str, text: str, path: str) -> ProfileError:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Token:
-    kind: str
-    text: str
-    line: int
-
-
-def _tokens(text: str) -> Iterator[_Token]:
-    """Yield the tokens of a TOML text up to the first that is none."""
+def _tokens(text: str) -> Iterator[tuple[str, str, int]]:
+    """Yield kind, text and line of the tokens of a TOML text, up to the first that is none."""
     place, line = 0, 1
     while (match := _TOKEN.match(text, place)) is not None:
         kind, word = str(match.lastgroup), match.group()
         if kind not in ("space", "comment"):
-            yield _Token(kind, word, line)
+            yield kind, word, line
         line += word.count("\n")
         place = match.end()
 
@@ -126,141 +98,99 @@ def _tokens(text: str) -> Iterator[_Token]:
 def nesting_problem(text: str) -> tuple[int, str] | None:
     """Return where a text nests deeper than any profile does, before a parser recurses into it."""
     depth = dots = 0
-    for token in _tokens(text):
-        if token.text in ("[", "{"):
+    for kind, word, line in _tokens(text):
+        if word in ("[", "{"):
             depth += 1
-        elif token.text in ("]", "}"):
+        elif word in ("]", "}"):
             depth = max(0, depth - 1)
-        if token.text == ".":
+        if word == ".":
             dots += 1
-        elif token.kind in ("mark", "newline"):
+        elif kind in ("mark", "newline"):
             dots = 0
         if depth > _MAX_DEPTH:
-            return token.line, f"brackets nest deeper than {_MAX_DEPTH}"
+            return line, f"brackets nest deeper than {_MAX_DEPTH}"
         if dots > _MAX_PARTS:
-            return token.line, f"a key has more than {_MAX_PARTS} parts"
+            return line, f"a key has more than {_MAX_PARTS} parts"
     return None
 
 
-class _Reader:
-    """Walk the tokens of a valid TOML text and note the line of every key."""
+@dataclass(slots=True)
+class _Open:
+    """A table or an array whose content is being read."""
 
-    def __init__(self, text: str) -> None:
-        self.tokens = list(_tokens(text))
-        self.place = 0
+    path: Key
+    entry: int | None = None  # of an array: number of the entry that is read
+    value: Key | None = None  # key whose value comes; None of a table before the "="
+    names: list[str] = field(default_factory=list)  # parts of the key that is read
+    brackets: int = 0  # before the names: the line is the header of a table
+
+
+class _LineMap:
+    """Lines of the keys of a valid TOML text, by its tokens."""
+
+    def __init__(self) -> None:
         self.lines: dict[Key, int] = {(): 1}
-        self.arrays: dict[Key, int] = {}
+        self._last: dict[Key, int] = {}  # number of the last entry of an array of tables
+        self._opened = [_Open(())]
 
-    def peek(self) -> _Token | None:
-        return self.tokens[self.place] if self.place < len(self.tokens) else None
+    def take(self, kind: str, word: str, line: int) -> None:
+        """Read one token."""
+        inner = self._opened[-1]
+        if kind == "newline":
+            if len(self._opened) == 1:
+                self._opened = [_Open(self._header(inner, line) if inner.brackets else inner.path)]
+        elif word == ",":
+            inner.names = []
+            inner.entry = None if inner.entry is None else inner.entry + 1
+            inner.value = None if inner.entry is None else (*inner.path, inner.entry)
+        elif word in ("]", "}"):
+            if len(self._opened) > 1:
+                self._opened.pop()
+        elif inner.value is not None:
+            self.lines.setdefault(inner.value, line)
+            if word == "[":
+                self._opened.append(_Open(inner.value, 0, (*inner.value, 0)))
+            elif word == "{":
+                self._opened.append(_Open(inner.value))
+        elif word == "[":
+            inner.brackets += 1
+        elif word == "=":
+            inner.value = self._noted(inner.path, inner.names, line)
+        elif word != ".":
+            inner.names.append(_key_text(word))
 
-    def take(self, *texts: str) -> bool:
-        token = self.peek()
-        if token is not None and token.text in texts:
-            self.place += 1
-            return True
-        return False
-
-    def skip_lines(self) -> None:
-        while (token := self.peek()) is not None and token.kind == "newline":
-            self.place += 1
-
-    def parts(self) -> list[str]:
-        """Read a dotted key."""
-        names = []
-        while (token := self.peek()) is not None and token.kind in ("bare", "string"):
-            names.append(_key_text(token))
-            self.place += 1
-            if not self.take("."):
-                break
-        return names
-
-    def note(self, base: Key, names: list[str], line: int) -> Key:
+    def _noted(self, path: Key, names: list[str], line: int) -> Key:
         """Note every prefix of a key; step into the last entry of arrays of tables."""
-        path = base
         for index, name in enumerate(names):
             path = (*path, name)
             self.lines.setdefault(path, line)
-            if path in self.arrays and index < len(names) - 1:
-                path = (*path, self.arrays[path])
+            if path in self._last and index < len(names) - 1:
+                path = (*path, self._last[path])
         return path
 
-    def read(self) -> dict[Key, int]:
-        base: Key = ()
-        while True:
-            self.skip_lines()
-            token = self.peek()
-            if token is None:
-                return self.lines
-            before = self.place
-            if self.take("["):
-                base = self.table(token.line)
-            else:
-                self.pair(base)
-            if self.place == before:
-                self.place += 1
-
-    def table(self, line: int) -> Key:
-        several = self.take("[")
-        path = self.note((), self.parts(), line)
-        self.take("]")
-        if several:
-            self.take("]")
-            self.arrays[path] = self.arrays.get(path, -1) + 1
-            path = (*path, self.arrays[path])
-            self.lines[path] = line
-        elif path in self.arrays:
-            path = (*path, self.arrays[path])
-        return path
-
-    def pair(self, base: Key) -> None:
-        token = self.peek()
-        names = self.parts()
-        if token is not None and names and self.take("="):
-            self.value(self.note(base, names, token.line))
-
-    def value(self, path: Key) -> None:
-        if self.take("["):
-            self.array(path)
-        elif self.take("{"):
-            while not self.take("}") and self.peek() is not None:
-                before = self.place
-                self.pair(path)
-                self.take(",")
-                if self.place == before:
-                    return
-        else:
-            while (token := self.peek()) is not None:
-                if token.kind == "newline" or token.text in (",", "]", "}"):
-                    return
-                self.place += 1
-
-    def array(self, path: Key) -> None:
-        index = 0
-        while True:
-            self.skip_lines()
-            token = self.peek()
-            if token is None or self.take("]"):
-                return
-            before = self.place
-            self.lines[(*path, index)] = token.line
-            self.value((*path, index))
-            self.skip_lines()
-            self.take(",")
-            index += 1
-            if self.place == before:
-                return
+    def _header(self, header: _Open, line: int) -> Key:
+        """Note the header of a table, or of one more entry of an array; return its path."""
+        path = self._noted((), header.names, line)
+        if header.brackets == 2:
+            self._last[path] = self._last.get(path, -1) + 1
+            self.lines[*path, self._last[path]] = line
+        return (*path, self._last[path]) if path in self._last else path
 
 
-def _key_text(token: _Token) -> str:
-    if token.kind == "bare":
-        return token.text
+def _key_text(word: str) -> str:
+    """Return a part of a key without its quotes."""
+    if word[0] not in "\"'":
+        return word
     try:
-        return next(iter(tomllib.loads(f"{token.text} = 0")))
+        return next(iter(tomllib.loads(f"{word} = 0")))
     except tomllib.TOMLDecodeError:
-        return token.text
+        return word
 
 
 def key_lines(text: str) -> dict[Key, int]:
     """Return the line of every key of a valid TOML text."""
-    return _Reader(text).read()
+    found = _LineMap()
+    # the last line may have no end
+    for token in _tokens(text + "\n"):
+        found.take(*token)
+    return found.lines

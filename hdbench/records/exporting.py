@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
 from hdbench.records.jsonfile import read_json
-from hdbench.records.loads import Loads
+from hdbench.records.loads import ArmLike, Loads, is_loads_file, read_loads
 from hdbench.records.provenance import input_identity
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RUN_SCHEMA
 from hdbench.records.storage import write_atomic
-from hdbench.records.tables import ArmLike, is_loads_file, read_loads, read_trace
+from hdbench.records.tracefile import read_trace
 
 # longest first: `_rad_s` ends in `_s` too
 _UNITS = {
@@ -38,56 +38,36 @@ _UNITS = {
     "_s": "s",
     "_count": "1",
 }
-_NUMBERS = ("position_rad", "torque_nm", "reading_v", "mass_kg", "reading_std_v")
-_MORE_NUMBERS = ("n_samples", "time_s", "temperature_c")
-_WORDS = ("experiment", "range", "direction", "series")
+# columns of loads, words first
+_LOADS = (
+    *("experiment", "range", "direction", "series"),
+    *("position_rad", "torque_nm", "reading_v", "mass_kg", "reading_std_v"),
+    *("n_samples", "time_s", "temperature_c"),
+)
 # what identifies a run; its profile's text and the result go whole
 _KEPT = ("schema", "run_id", "kind", "status", "started_utc", "ended_utc", "exit_reason")
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One column.
+    """One column."""
 
-    Parameters
-    ----------
-    values : ndarray of float64, or tuple of str
-        Numbers, NaN where one is missing; or words.
-    unit : str
-        ``1`` for a count, empty for words and for what the name does not tell.
-    """
-
-    values: NDArray[np.float64] | tuple[str, ...]
-    unit: str
+    values: NDArray[np.float64] | tuple[str, ...]  # numbers, NaN where one is missing; or words
+    unit: str  # `1` for a count, empty for words and for what the name does not tell
 
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """One record.
+    """One record."""
 
-    Parameters
-    ----------
-    name : str
-        ``trace`` or ``loads``.
-    channels : mapping of str to Channel
-        In the order of the file.
-    attributes : mapping of str to str
-        File, its SHA-256, the run, and as JSON text what it holds beside the samples.
-    """
-
-    name: str
-    channels: Mapping[str, Channel]
+    name: str  # `trace` or `loads`
+    channels: Mapping[str, Channel]  # in the order of the file
+    # file, its SHA-256, the run, and as JSON text what it holds beside the samples
     attributes: Mapping[str, str]
 
 
 def unit_of_column(name: str) -> str:
-    """Return the unit that a column's name ends in.
-
-    Examples
-    --------
-    >>> unit_of_column("motor_velocity_rad_s")
-    'rad/s'
-    """
+    """Return the unit that a column's name ends in."""
     for ending, unit in _UNITS.items():
         if name.endswith(ending):
             return unit
@@ -95,25 +75,7 @@ def unit_of_column(name: str) -> str:
 
 
 def gather(source: Path, arm: ArmLike) -> Content:
-    """Read a run folder, a trace or a loads file for export.
-
-    Parameters
-    ----------
-    source : Path
-        Run folder or file.
-    arm : ArmLike
-        Makes torque of masses where a loads file has no torque.
-
-    Returns
-    -------
-    Content
-        Every column of the file, those of others' making too.
-
-    Raises
-    ------
-    DataError
-        If it holds neither a trace nor loads, or is damaged.
-    """
+    """Read a run folder, a trace or a loads file for export."""
     file = resolve_input(Path(source))
     identity = input_identity(file)
     attributes = {"source": str(file), "sha256": identity["sha256"], **_run(Path(source))}
@@ -147,19 +109,15 @@ def _run(source: Path) -> dict[str, str]:
 
 
 def _load_channels(loads: Loads) -> dict[str, Channel]:
-    rows = loads.readings
     found: dict[str, Channel] = {}
-    for name in _WORDS:
-        found[name] = Channel(tuple(str(getattr(row, name)) for row in rows), "")
-    for name in (*_NUMBERS, *_MORE_NUMBERS):
-        values = [getattr(row, name) for row in rows]
-        if any(value is not None for value in values):
-            numbers = [np.nan if value is None else float(value) for value in values]
-            unit = "1" if name == "n_samples" else unit_of_column(name)
-            found[name] = Channel(np.array(numbers), unit)
-    for name, words in loads.extra_columns.items():
-        found[name] = _own(name, words)
-    return found
+    for name in _LOADS:
+        values = [getattr(row, name) for row in loads.readings]
+        if isinstance(values[0], str):
+            found[name] = Channel(tuple(values), "")
+        elif any(value is not None for value in values):
+            numbers = np.array([np.nan if value is None else float(value) for value in values])
+            found[name] = Channel(numbers, "1" if name == "n_samples" else unit_of_column(name))
+    return found | {name: _own(name, words) for name, words in loads.extra_columns.items()}
 
 
 def _own(name: str, words: tuple[str, ...]) -> Channel:
@@ -177,31 +135,7 @@ _LONGEST_MATLAB = 63
 
 
 def export_records(content: Content, folder: Path, kind: str) -> Path:
-    """Write a record in another program's form.
-
-    Parameters
-    ----------
-    content : Content
-        What `gather` read.
-    folder : Path
-        Folder to write into; made if need be.
-    kind : {"parquet", "hdf5", "mat"}
-        The form.
-
-    Returns
-    -------
-    Path
-        ``trace`` or ``loads`` with the form's ending. Written whole or not at all.
-
-    Raises
-    ------
-    UsageError
-        If the form is unknown, or its library is not installed.
-    DataError
-        If the form cannot hold a column's name.
-    StorageError
-        If the file cannot be written.
-    """
+    """Write a record in another program's form."""
     if kind not in FORMATS:
         raise UsageError(
             f"{kind!r} is no form to export to; needed: {', '.join(FORMATS)}",
@@ -258,15 +192,11 @@ def _hdf5(content: Content) -> bytes:
             else:
                 file.create_dataset(f"about/{name}", data=text)
         for name, channel in content.channels.items():
+            values: Any = channel.values
+            more: dict[str, Any] = {"compression": "gzip"} if len(values) > 1000 else {}
             if _is_words(channel):
-                data = group.create_dataset(
-                    _hdf5_name(name), data=list(channel.values), dtype=h5py.string_dtype()
-                )
-            else:
-                large = len(channel.values) > 1000
-                data = group.create_dataset(
-                    _hdf5_name(name), data=channel.values, compression="gzip" if large else None
-                )
+                values, more = list(values), {"dtype": h5py.string_dtype()}
+            data = group.create_dataset(_hdf5_name(name), data=values, **more)
             if channel.unit:
                 data.attrs["unit"] = channel.unit
     return sink.getvalue()

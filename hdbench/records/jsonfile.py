@@ -10,9 +10,7 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.storage import file_bytes, sha256_file, write_atomic
-
-__all__ = ["ProfileIdentity", "dumps", "read_json", "result_header", "sha256_file", "write_json"]
+from hdbench.records.storage import file_bytes, write_atomic
 
 # a diagnosis of an hour with every spectrum point stays below 100 MB
 _LIMIT_BYTES = 256 << 20
@@ -54,25 +52,7 @@ def _plain(value: object) -> object:
 
 
 def dumps(obj: object) -> str:
-    """Return `obj` as JSON text with two blanks of indent.
-
-    Parameters
-    ----------
-    obj : object
-        Mappings, sequences, text, finite numbers, booleans, None; NumPy values are accepted.
-
-    Returns
-    -------
-    str
-        Text that ends with a newline; floats in their shortest form that reads back exactly.
-
-    Raises
-    ------
-    ValueError
-        If a number is NaN or infinite: a result must never hold one.
-    TypeError
-        If a value has no JSON form.
-    """
+    """Return `obj` as JSON text with two blanks of indent."""
     return json.dumps(obj, allow_nan=False, indent=2, default=_plain) + "\n"
 
 

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError, nothing_stored
-from hdbench.records.journal import (
+from hdbench.records.counted import (
     JournalSummary,
     journal_loads,
-    read_journal,
     summarize_journal,
     survey_samples,
     write_sequence,
 )
+from hdbench.records.journal import read_journal
+from hdbench.records.loads import write_loads
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import free_reserve, sha256_file
-from hdbench.records.tables import write_loads
 
 
 def _is_calibration(folder: RunFolder) -> bool:
@@ -27,25 +26,7 @@ def _is_calibration(folder: RunFolder) -> bool:
 
 
 def recover_run(folder: RunFolder) -> Path:
-    """Write trace or loads of a killed run from its journal, and mark it ``incomplete``.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        A run whose process is gone.
-
-    Returns
-    -------
-    Path
-        The file that was written.
-
-    Raises
-    ------
-    DataError
-        If the run still goes on, or its journal is missing or holds nothing.
-    StorageError
-        If the disk is full or failed.
-    """
+    """Write trace or loads of a killed run from its journal, and mark it ``incomplete``."""
     if folder.status() == "running":
         raise DataError(
             f"the run still goes on (process {folder.manifest.get('pid')})",
@@ -150,11 +131,7 @@ class VerifyReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as ``--json`` prints it."""
-        return {
-            "ok": self.ok,
-            **{f.name: getattr(self, f.name) for f in dataclasses.fields(self)},
-            "problems": list(self.problems),
-        }
+        return {"ok": self.ok, **asdict(self), "problems": list(self.problems)}
 
 
 def _file_problems(folder: RunFolder) -> list[str]:
@@ -170,22 +147,7 @@ def _file_problems(folder: RunFolder) -> list[str]:
 
 
 def verify_run(path: Path) -> VerifyReport:
-    """Read a run in full and compare it with what its ``run.json`` says.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-
-    Returns
-    -------
-    VerifyReport
-
-    Raises
-    ------
-    DataError
-        If it is not a run folder or its ``run.json`` is damaged.
-    """
+    """Read a run in full and compare it with what its ``run.json`` says."""
     folder = RunFolder.open(path)
     status = folder.status()
     problems = _file_problems(folder)

@@ -369,18 +369,10 @@ _LONGEST = 500
 
 @dataclass(frozen=True, slots=True)
 class RunNote:
-    """One note.
+    """One note."""
 
-    Parameters
-    ----------
-    utc : str
-        When it was written, ISO 8601.
-    text : str
-        What it says.
-    """
-
-    utc: str
-    text: str
+    utc: str  # when it was written, ISO 8601
+    text: str  # what it says
 
 
 def add_note(run: Path, text: str, moment: datetime) -> RunNote:

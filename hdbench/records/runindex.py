@@ -159,20 +159,14 @@ def list_runs(
 
 def _state(run: str) -> tuple[str, int] | None:
     """Return what tells this state of a run from every other, and when it changed last, ns."""
-    try:
-        record = os.stat(f"{run}/run.json")
-    except OSError:
-        return None
-    stamp = f"{record.st_mtime_ns} {record.st_ctime_ns} {record.st_size} {record.st_ino}"
-    changed = max(record.st_mtime_ns, record.st_ctime_ns)
-    try:
-        result = os.stat(f"{run}/result.json")
-    except OSError:
-        return stamp, changed
-    return (
-        f"{stamp} {result.st_mtime_ns} {result.st_ctime_ns} {result.st_size} {result.st_ino}",
-        max(changed, result.st_mtime_ns, result.st_ctime_ns),
-    )
+    states = []
+    for name in ("run.json", "result.json"):
+        with suppress(OSError):
+            states.append(os.stat(f"{run}/{name}"))
+        if not states:
+            return None
+    stamp = " ".join(f"{s.st_mtime_ns} {s.st_ctime_ns} {s.st_size} {s.st_ino}" for s in states)
+    return stamp, max(max(s.st_mtime_ns, s.st_ctime_ns) for s in states)
 
 
 def _packed(run: RunSummary) -> str:

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.system.files import allocate, sync_file, sync_folder
@@ -36,12 +37,6 @@ def _is_special(path: Path) -> bool:
     return path.exists() and not (path.is_file() or path.is_dir())
 
 
-def _write_special(path: Path, chunks: bytes | Iterable[bytes]) -> None:
-    with path.open("wb") as file:
-        for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
-            file.write(chunk)
-
-
 def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
     """Write a whole file: temporary file beside it, sync, rename, sync of the folder.
 
@@ -60,14 +55,15 @@ def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
     """
     path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    chunks = (chunks,) if isinstance(chunks, bytes) else chunks
     try:
         if _is_special(path):
-            _write_special(path, chunks)
+            with path.open("wb") as special:
+                special.writelines(chunks)
             return
         try:
             with temporary.open("xb") as file:
-                for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
-                    file.write(chunk)
+                file.writelines(chunks)
                 file.flush()
                 sync_file(file.fileno())
             temporary.replace(path)
@@ -87,7 +83,7 @@ def publish(staged: Path, path: Path) -> None:
     """Give checked content its name."""
     try:
         if _is_special(path):
-            _write_special(path, staged.read_bytes())
+            path.write_bytes(staged.read_bytes())
             staged.unlink()
             return
         staged.replace(path)
@@ -124,11 +120,11 @@ def read_failure(error: Exception, path: Path) -> DataError:
     return DataError(f"cannot read: {reason}", where=str(path), fix="check path and rights")
 
 
-def checked_size(path: Path, *, limit: int, what: str) -> int:
-    """Return the size of a regular file of at most `limit` bytes."""
+def checked_size(path: Path, *, limit: int, what: str, missing: str = "check the path") -> int:
+    """Return the size of a regular file of at most `limit` bytes; `missing` is a fix."""
     try:
         if not path.exists():
-            raise DataError(f"no such {what}", where=str(path), fix="check the path")
+            raise DataError(f"no such {what}", where=str(path), fix=missing)
         if not path.is_file():
             raise DataError(
                 f"not a regular file; needed: a {what}", where=str(path), fix="name the file itself"
@@ -145,9 +141,9 @@ def checked_size(path: Path, *, limit: int, what: str) -> int:
     return size
 
 
-def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
-    """Read a regular file of at most `limit` bytes."""
-    checked_size(path, limit=limit, what=what)
+def file_bytes(path: Path, **needed: Any) -> bytes:
+    """Read a regular file that is as `checked_size` needs it."""
+    checked_size(path, **needed)
     try:
         return path.read_bytes()
     except OSError as error:
@@ -155,22 +151,7 @@ def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
 
 
 def sha256_file(path: Path) -> str:
-    """Return the SHA-256 of a file as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    DataError
-        If the file cannot be read.
-    """
+    """Return the SHA-256 of a file as 64 hexadecimal digits."""
     digest = hashlib.sha256()
     try:
         with Path(path).open("rb") as file:

@@ -13,7 +13,8 @@ from hdbench.filter import FilterModel, filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
 from hdbench.profile.scaling import profile_scale, rescaled
 from hdbench.records import Loads, TorqueScale, Trace
-from hdbench.records.tables import read_loads, read_trace
+from hdbench.records.loads import read_loads
+from hdbench.records.tracefile import read_trace
 from hdbench.regression.case import Case
 from hdbench.results.dynamic import FilteredTrace
 from hdbench.ripple import Stretch

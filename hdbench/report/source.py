@@ -10,10 +10,12 @@ from typing import Any
 from hdbench.errors import DataError, nothing_stored
 from hdbench.profile import Profile, parse_profile
 from hdbench.records import Loads, Trace
-from hdbench.records.jsonfile import read_json, sha256_file
+from hdbench.records.jsonfile import read_json
+from hdbench.records.loads import is_loads_file, read_loads
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tables import is_loads_file, read_loads, read_trace
+from hdbench.records.storage import sha256_file
+from hdbench.records.tracefile import read_trace
 from hdbench.results import RESULT_TYPES, read_result
 
 _STATUS = {

@@ -15,10 +15,12 @@ from hdbench.profile import Profile
 from hdbench.profile.scaling import measured_utc, profile_scale, rescaled, stored_scale
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, write_json
+from hdbench.records.loads import is_loads_file, read_loads
+from hdbench.records.parquetfile import PARQUET
 from hdbench.records.provenance import input_identity, provenance_path
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tables import PARQUET, is_loads_file, read_loads, read_trace, write_trace
+from hdbench.records.tracefile import read_trace, write_trace
 from hdbench.ripple import Stretch
 from hdbench.session.filters import TUNED, choose_filter, tune_traces
 

@@ -11,7 +11,7 @@ from hdbench.diagnosis.planning.planfile import read_plan, write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.filter import FilterModel, kernel_name
-from hdbench.profile import Profile, parse_profile
+from hdbench.profile import Profile, check_loads, parse_profile
 from hdbench.profile.scaling import checked_age, profile_scale, read_calibration, stored_scale
 from hdbench.records import TorqueScale
 from hdbench.records.journal import JournalContent, JournalWriter
@@ -56,9 +56,12 @@ def make_plan(
     ------
     UsageError
         If a step is outside a limit.
+    ProfileError
+        If the weights of a calibration are.
     """
     data = profile.data
     if kind == "calibration":
+        check_loads(profile)
         plan = calibration_plan(data, preset)
     elif motion is not None:
         plan = motion_plan(kind, motion, data)

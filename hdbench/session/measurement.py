@@ -12,19 +12,17 @@ from hdbench.devices.bench import Bench, Identity, Operator, SafeState
 from hdbench.devices.operator import Mistakes
 from hdbench.errors import UsageError
 from hdbench.records import Loads, Trace
-from hdbench.records.journal import (
-    JournalContent,
+from hdbench.records.counted import (
     JournalSamples,
-    JournalWriter,
     SampleGroup,
     all_samples,
     journal_loads,
-    read_journal,
     survey_samples,
     write_sequence,
 )
+from hdbench.records.journal import JournalContent, JournalWriter, read_journal
+from hdbench.records.loads import read_sequence, write_loads
 from hdbench.records.runfolder import RunFolder, utc_now
-from hdbench.records.tables import read_sequence, write_loads
 from hdbench.session.calibrating.conversation import Conversation, Unattended
 from hdbench.session.calibrating.plausibility import WeightSet
 from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting

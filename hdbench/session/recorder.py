@@ -16,7 +16,8 @@ from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.filter.online import block_amplitudes
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
-from hdbench.records.journal import JournalSamples, JournalWriter
+from hdbench.records.counted import JournalSamples
+from hdbench.records.journal import JournalWriter
 from hdbench.session.limits import HeldTorque
 from hdbench.session.watching import Frame
 

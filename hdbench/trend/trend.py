@@ -16,7 +16,7 @@ import numpy as np
 from hdbench.errors import DataError
 from hdbench.profile.scaling import measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
-from hdbench.records.tables import safe_cell
+from hdbench.records.csvtext import safe_cell
 from hdbench.results import RESULT_TYPES
 from hdbench.trend.charts import EWMA_WEIGHT
 from hdbench.trend.history import Change, History, study_history

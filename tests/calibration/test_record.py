@@ -21,7 +21,7 @@ from hdbench.calibration.evaluation import decide
 from hdbench.errors import DataError
 from hdbench.profile import load_profile, new_profile, parse_profile
 from hdbench.records import LoadReading, Loads
-from hdbench.records.tables import read_loads, write_loads
+from hdbench.records.loads import read_loads, write_loads
 from hdbench.results.calibration import BudgetRow, LimitTest
 
 _TOOL = Path(__file__).parents[2] / "tools" / "coverage.py"

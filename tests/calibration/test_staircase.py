@@ -15,9 +15,9 @@ from hdbench.calibration.staircase.importing import StaircasePlan, import_stairc
 from hdbench.calibration.staircase.plateaus import find_glitches, find_plateaus, find_stuck
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.mapping import Entry
+from hdbench.importing.recipe import Entry
 from hdbench.profile import load_profile
-from hdbench.records.tables import read_loads
+from hdbench.records.loads import read_loads
 
 DATA = os.environ.get("HDBENCH_DATA")
 needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")

@@ -12,7 +12,7 @@ from hdbench.calibration.gains import plain_mean
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
-from hdbench.records.tables import read_loads
+from hdbench.records.loads import read_loads
 from hdbench.report.calibration.section import tables, verdict
 
 ARM = load_profile("cim-tr-97-06").data.arm

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from terminal import RUN, Person
 
-from hdbench.records import resolve_input, verify_run
+from hdbench.records import resolve_input
+from hdbench.records.recovery import verify_run
 from hdbench.session.calibrating.conversation import LiveReading
 from hdbench_cli.asking.conversation import live_line
 

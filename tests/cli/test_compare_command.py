@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.records import dumps
+from hdbench.records.jsonfile import dumps
 
 STORED = Path(__file__).parents[1] / "stored" / "misalignment" / "expected.json"
 

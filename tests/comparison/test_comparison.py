@@ -14,7 +14,8 @@ from hdbench.comparison.orders import OrderPair, compare_pattern
 from hdbench.comparison.score import SharedPart, compared, own_part
 from hdbench.errors import DataError, UsageError
 from hdbench.estimation.harmonics import combine
-from hdbench.records import Quantity, dumps
+from hdbench.records import Quantity
+from hdbench.records.jsonfile import dumps
 
 HEAD = {"hdbench_version": "0", "profile": None}
 NAMED = ("x", "x", "N m")

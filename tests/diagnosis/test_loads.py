@@ -16,7 +16,8 @@ from hdbench.errors import DataError
 from hdbench.importing.importer import import_files
 from hdbench.importing.recipe import Recipe
 from hdbench.profile import load_profile
-from hdbench.records import Loads, read_loads, write_loads
+from hdbench.records import Loads, read_loads
+from hdbench.records.loads import write_loads
 
 PROFILE = load_profile("cim-tr-97-06")
 DATA = os.environ.get("HDBENCH_DATA")

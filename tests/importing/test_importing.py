@@ -10,9 +10,8 @@ import pytest
 
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.importer import import_files
-from hdbench.importing.mapping import parse_constant, parse_map
 from hdbench.importing.readers import text as text_module
-from hdbench.importing.recipe import Recipe, known_columns
+from hdbench.importing.recipe import Recipe, known_columns, parse_entry
 from hdbench.records import read_loads, read_trace
 
 DATA = os.environ.get("HDBENCH_DATA")
@@ -214,10 +213,10 @@ def test_a_file_without_a_time_asks_for_the_rate(tmp_path):
 
 def test_a_slip_in_a_column_name_of_the_contract_is_told():
     with pytest.raises(UsageError) as caught:
-        parse_map("torqe_nm=T", known_columns("trace"))
+        parse_entry("--map", "torqe_nm=T", known_columns("trace"))
     assert "torque_nm" in caught.value.fix
     with pytest.raises(UsageError):
-        parse_constant("series", known_columns("loads"))
+        parse_entry("--set", "series", known_columns("loads"))
 
 
 def test_a_failed_import_leaves_the_old_file_and_nothing_else(tmp_path):

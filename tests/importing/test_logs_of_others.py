@@ -234,6 +234,8 @@ def test_titles_stay_out_of_names_and_a_merged_cell_names_all_its_columns(tmp_pa
 @pytest.mark.parametrize(
     ("header", "name", "unit"),
     [
+        ("AIN0 (mV)", "AIN0", "mV"),
+        ("AIN0", "AIN0", ""),
         ("speed_rpm", "speed", "rpm"),
         ("rpm", "rpm", "rpm"),
         ("min", "min", ""),

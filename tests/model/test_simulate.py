@@ -16,8 +16,8 @@ from hdbench.model import (
     with_noise,
 )
 from hdbench.profile import ProfileData
-from hdbench.records.tables import read_trace, write_trace
 from hdbench.records.trace import Trace
+from hdbench.records.tracefile import read_trace, write_trace
 
 
 def run_of(bench: ProfileData, wave: ReferenceWave, duration: float, noise: float = 0.0) -> Trace:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hdbench.profile import load_profile
-from hdbench.records import JournalWriter, RunFolder, read_trace
+from hdbench.records import RunFolder, read_trace
+from hdbench.records.journal import JournalWriter
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hdbench.errors import DataError, StorageError
-from hdbench.records import JournalWriter, read_journal
-from hdbench.records.journal import survey_samples
+from hdbench.records.counted import survey_samples
+from hdbench.records.journal import JournalWriter, read_journal
 
 
 def write(path, n=4):

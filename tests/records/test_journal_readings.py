@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdbench.errors import BusyError
-from hdbench.records import JournalWriter, read_journal
-from hdbench.records.journal import all_samples, reading_entries, survey_samples
+from hdbench.records.counted import all_samples, reading_entries, survey_samples
+from hdbench.records.journal import JournalWriter, read_journal
 
 
 def journal(path: Path, *entries: tuple) -> Path:

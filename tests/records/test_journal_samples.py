@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hdbench.errors import DataError, StorageError
+from hdbench.errors import DataError
+from hdbench.records import counted as module
 from hdbench.records import read_trace, write_trace
-from hdbench.records.journal import JournalWriter, read_journal, survey_samples
-from hdbench.records.journal import counted as module
-from hdbench.records.storage import RESERVE_NAME, check_space, free_reserve, keep_reserve
+from hdbench.records.counted import survey_samples
+from hdbench.records.journal import JournalWriter, read_journal
 
 
 def block(start, n=7):
@@ -61,22 +61,3 @@ def test_a_time_that_goes_back_is_refused_across_blocks(tmp_path):
     with pytest.raises(DataError, match="does not increase"):
         survey_samples(path).write(tmp_path / "trace.csv")
     assert not (tmp_path / "trace.csv").exists()
-
-
-def test_the_reserve_takes_room_and_gives_it_back(tmp_path):
-    keep_reserve(tmp_path)
-    taken = (tmp_path / RESERVE_NAME).stat()
-    assert taken.st_blocks * 512 >= 4 << 20
-    free_reserve(tmp_path)
-    free_reserve(tmp_path)
-    assert not (tmp_path / RESERVE_NAME).exists()
-
-
-def test_a_run_that_does_not_fit_twice_is_refused_before_it_begins(tmp_path):
-    import shutil
-
-    free = shutil.disk_usage(tmp_path).free
-    check_space(tmp_path, 1000)
-    with pytest.raises(StorageError, match="twice what the run takes") as error:
-        check_space(tmp_path, free)
-    assert error.value.exit_code == 7

@@ -13,7 +13,8 @@ import pytest
 
 from hdbench.errors import DataError, StorageError
 from hdbench.profile import load_profile
-from hdbench.records import dumps, read_json, result_header, write_json
+from hdbench.records import read_json, result_header, write_json
+from hdbench.records.jsonfile import dumps
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), np.nan, np.array([1.0, -np.inf])])

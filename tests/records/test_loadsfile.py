@@ -4,7 +4,8 @@ import pytest
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
-from hdbench.records import LoadReading, Loads, is_loads_file, read_loads, write_loads
+from hdbench.records import LoadReading, Loads, is_loads_file, read_loads
+from hdbench.records.loads import write_loads
 
 HEAD = "experiment,position_rad,range,direction,series,torque_nm,reading_v,n_samples\n"
 ROW = "a,0.5,full,cw,up,9.8,1.48,100\n"

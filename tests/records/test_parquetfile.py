@@ -8,10 +8,11 @@ import pytest
 from swinging_shaft import record
 
 from hdbench.errors import DataError
-from hdbench.records import read_trace, sha256_file, write_trace
+from hdbench.records import read_trace, write_trace
+from hdbench.records.csvtext import read_header
 from hdbench.records.exporting import export_records, gather
-from hdbench.records.tables.csvtext import read_header
-from hdbench.records.tables.parquetfile import parquet_names
+from hdbench.records.parquetfile import parquet_names
+from hdbench.records.storage import sha256_file
 
 parquet = pytest.importorskip("pyarrow.parquet")
 arrow = pytest.importorskip("pyarrow")

@@ -1,13 +1,21 @@
 """Writing replaces regular files only: links keep their target, devices and pipes stay."""
 
 import os
+import shutil
 import stat
 import threading
 
 import pytest
 
 from hdbench.errors import StorageError
-from hdbench.records.storage import publish, write_atomic
+from hdbench.records.storage import (
+    RESERVE_NAME,
+    check_space,
+    free_reserve,
+    keep_reserve,
+    publish,
+    write_atomic,
+)
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="pipes and links of a POSIX system")
 
@@ -49,3 +57,20 @@ def test_a_full_device_is_a_storage_fault(tmp_path):
         write_atomic(link, b"x" * 100_000)
     assert caught.value.exit_code == 7
     assert link.is_symlink()
+
+
+def test_the_reserve_takes_room_and_gives_it_back(tmp_path):
+    keep_reserve(tmp_path)
+    taken = (tmp_path / RESERVE_NAME).stat()
+    assert taken.st_blocks * 512 >= 4 << 20
+    free_reserve(tmp_path)
+    free_reserve(tmp_path)
+    assert not (tmp_path / RESERVE_NAME).exists()
+
+
+def test_a_run_that_does_not_fit_twice_is_refused_before_it_begins(tmp_path):
+    free = shutil.disk_usage(tmp_path).free
+    check_space(tmp_path, 1000)
+    with pytest.raises(StorageError, match="twice what the run takes") as error:
+        check_space(tmp_path, free)
+    assert error.value.exit_code == 7

@@ -7,7 +7,7 @@ import pytest
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
-from hdbench.records.tables import read_trace, write_trace
+from hdbench.records.tracefile import read_trace, write_trace
 from hdbench.regression import Tolerance, compare_folder, compare_results
 
 STORED = Path(__file__).parents[1] / "stored"

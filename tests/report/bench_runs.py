@@ -10,8 +10,9 @@ from hdbench.filter import OnlineFilter, preset
 from hdbench.profile import Profile
 from hdbench.records import Quantity, TorqueScale, Trace
 from hdbench.records.jsonfile import result_header, write_json
+from hdbench.records.loads import read_loads
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tables import read_loads, read_trace, write_trace
+from hdbench.records.tracefile import read_trace, write_trace
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "stored"))
 import generate

@@ -12,7 +12,8 @@ from fakes import FakeBench
 
 from hdbench.errors import BusyError, DeviceError, Stopped
 from hdbench.profile.calibrating import ShuntCheck
-from hdbench.records.journal import journal_loads, read_journal, write_sequence
+from hdbench.records.counted import journal_loads, write_sequence
+from hdbench.records.journal import read_journal
 from hdbench.session.calibrating.conversation import Answer, Reply, Unattended
 from hdbench.session.calibrating.plan import calibration_points
 from hdbench.session.stop import Aborted, StopRequested, StopSignals

@@ -10,9 +10,10 @@ from fakes import quiet
 
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.profile import Profile, parse_profile
-from hdbench.records import Quantity, verify_run
+from hdbench.records import Quantity
 from hdbench.records.jsonfile import read_json
-from hdbench.records.tables import read_trace
+from hdbench.records.recovery import verify_run
+from hdbench.records.tracefile import read_trace
 from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, run_experiment
 
 

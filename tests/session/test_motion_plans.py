@@ -14,8 +14,9 @@ from hdbench.errors import UsageError
 from hdbench.filter import preset
 from hdbench.model.waves import ReferenceProgram, program_voltage
 from hdbench.profile import load_profile
-from hdbench.records.journal import JournalWriter, survey_samples
-from hdbench.records.tables import read_trace
+from hdbench.records.counted import survey_samples
+from hdbench.records.journal import JournalWriter
+from hdbench.records.tracefile import read_trace
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.plans import Acquire, Lock, Place, Put, check_plan, motion_plan
 from hdbench.session.recorder import TraceRecorder

@@ -16,7 +16,8 @@ from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import BusyError, DataError, HdbenchError, Stopped, UsageError
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.profile import Profile, parse_profile
-from hdbench.records import RunFolder, read_loads, read_trace, verify_run
+from hdbench.records import RunFolder, read_loads, read_trace
+from hdbench.records.recovery import verify_run
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.calibrating.conversation import Answer
 from hdbench.session.experiments import resume_run

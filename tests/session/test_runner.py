@@ -13,7 +13,8 @@ from hdbench.errors import DeviceError
 from hdbench.filter import preset
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
-from hdbench.records.journal import JournalWriter, read_journal, survey_samples
+from hdbench.records.counted import survey_samples
+from hdbench.records.journal import JournalWriter, read_journal
 from hdbench.session.plans import Acquire, Lock, Plan
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Runner

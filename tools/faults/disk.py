@@ -109,7 +109,7 @@ def _tried(
 
 
 def _judge(out: Path, count: int, code: int, words: str, stays: bool) -> tuple[int, str]:
-    from hdbench.records.journal import summarize_journal
+    from hdbench.records.counted import summarize_journal
 
     journal = next(iter(out.glob("*/journal.hdj")), None)
     kept = summarize_journal(journal).samples if journal else 0

@@ -108,7 +108,8 @@ def traces(folder: Path, trials: int, seed: int) -> Row:
 
     from hdbench.profile import load_profile
     from hdbench.records.journal import JournalWriter, read_journal
-    from hdbench.records.tables import read_loads, read_trace
+    from hdbench.records.loads import read_loads
+    from hdbench.records.tracefile import read_trace
 
     row = Row("26", "hostile traces, loads files and journals")
     chance, arm = random.Random(seed), load_profile("cim-tr-97-06").data.arm

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from faults.kit import RUN_S, Row, Run, ServedBench, acknowledging, begin, in_time, short_profile
-from hdbench.records.journal import summarize_journal
+from hdbench.records.counted import summarize_journal
 
 __all__ = ["freezes", "kills", "limits", "load", "lost_guards", "races", "signals"]
 

@@ -28,7 +28,8 @@ from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.opening import open_node
 from hdbench.filter import preset
-from hdbench.records.journal import JournalReader, JournalWriter, survey_samples
+from hdbench.records.counted import survey_samples
+from hdbench.records.journal import JournalReader, JournalWriter
 from hdbench.session.recorder import TraceRecorder
 
 PERIOD_S = 1e-3

@@ -108,7 +108,8 @@ def gaps(folder: Path, trials: int, seed: int) -> Row:
     """Lose scans in the device: rows of NaN, exactly as many, at their place."""
     from hdbench.devices.bench import Block
     from hdbench.filter import preset
-    from hdbench.records.journal import JournalWriter, survey_samples
+    from hdbench.records.counted import survey_samples
+    from hdbench.records.journal import JournalWriter
     from hdbench.session.recorder import TraceRecorder
 
     row = Row("18", "scans lost in the device, anywhere, any number")

@@ -80,7 +80,7 @@ def run(output: Output, request: Request) -> None:
             fix="leave out --from to measure, or --plan to evaluate again",
         )
     if request.form == "parquet":
-        from hdbench.records.tables import require_parquet
+        from hdbench.records.parquetfile import require_parquet
 
         require_parquet("--format parquet")
     if request.dry_run:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -135,7 +135,7 @@ def command(
     output: Output,
     /,
     files: tuple[Path, ...],
-    kind: str,
+    kind: Literal["trace", "loads", "staircase"],
     maps: tuple[str, ...],
     constants: tuple[str, ...],
     time: str | None,
@@ -242,8 +242,7 @@ def _staircase(
 ) -> None:
     """Bring in raw readings under changing weights, and tell what was found."""
     from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
-    from hdbench.importing.mapping import parse_constant, parse_map
-    from hdbench.importing.recipe import known_columns
+    from hdbench.importing.recipe import known_columns, parse_entry
     from hdbench.records import result_header
 
     if len(files) != 1:
@@ -252,10 +251,10 @@ def _staircase(
         )
     maps, constants, time, loads = stairs
     known = known_columns("loads")
-    columns = [parse_map(text, known) for text in maps]
+    columns = [parse_entry("--map", text, known) for text in maps]
     if time is not None:
-        columns.append(parse_map(f"time_s={time}", known))
-    fixed = tuple(parse_constant(text, known) for text in constants)
+        columns.append(parse_entry("--map", f"time_s={time}", known))
+    fixed = tuple(parse_entry("--set", text, known) for text in constants)
     plan = StaircasePlan(tuple(columns), fixed, _numbers(loads))
     plan = replace(plan, unit=unit, least_s=least_s, rate_hz=recipe.rate_hz, layout=recipe.layout)
     report = import_staircase(plan, files[0], out, profile.data.arm)

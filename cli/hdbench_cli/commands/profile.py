@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from hdbench.errors import UsageError
+from hdbench.errors import ProfileError, UsageError
 from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
@@ -54,10 +54,15 @@ def show(output: Output, name: str) -> None:
 @declared("profile check")
 def check(output: Output, files: tuple[str, ...]) -> None:
     """Check profiles and name every problem at once; exit 4 if there is one."""
-    from hdbench.profile import check_profiles
+    from hdbench.profile import check_loads, check_profiles
     from hdbench.records import result_header
 
     profiles = check_profiles(files)
+    for profile in profiles:
+        try:
+            check_loads(profile)
+        except ProfileError as error:
+            output.note(f"hdbench calibrate needs other weights: {error}")
     rows = [{**p.describe(), "path": p.path} for p in profiles]
     body = {**result_header("profiles", None), "profiles": rows}
     output.result(body, lambda _body: [f"{row['path']}: valid" for row in rows])

@@ -89,7 +89,7 @@ def _write_csv(file: str, runs: list[RunSummary]) -> None:
     import io
 
     from hdbench.records import write_atomic
-    from hdbench.records.tables import safe_cell
+    from hdbench.records.csvtext import safe_cell
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

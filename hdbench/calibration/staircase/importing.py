@@ -14,15 +14,14 @@ import numpy as np
 
 from hdbench.calibration.staircase.plateaus import Plateau, Staircase, find_plateaus
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.convert import conversion
+from hdbench.importing.convert import conversion, find_source
 from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.mapping import Entry, find_source
+from hdbench.importing.recipe import Entry
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.profile.calibrating import Arm
-from hdbench.records.loads import LoadReading, Loads
+from hdbench.records.loads import LoadReading, Loads, read_loads, write_loads
 from hdbench.records.storage import publish, staged_path
-from hdbench.records.tables import read_loads, write_loads
 from hdbench.records.trace import FloatArray
 
 _PLACE = ("experiment", "position_rad", "range", "direction")

@@ -19,8 +19,8 @@ from hdbench.importing.source import Channel
 from hdbench.importing.units import target_unit, unit_scale
 from hdbench.records import Trace, read_trace
 from hdbench.records.provenance import input_identity
-from hdbench.records.tables import TRACE_COLUMNS
 from hdbench.records.trace import FloatArray
+from hdbench.records.tracefile import TRACE_COLUMNS
 
 # what a channel measures: columns of a trace, and units
 KINDS = {

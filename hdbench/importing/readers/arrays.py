@@ -20,27 +20,13 @@ _KINDS = "fbiumM"
 
 @dataclass(frozen=True, slots=True)
 class NamedArray:
-    """One array of a file.
+    """One array of a file."""
 
-    Parameters
-    ----------
-    name : str
-        Its name, with the groups or structures that it is in.
-    shape : tuple of int
-        Its shape.
-    dtype : dtype
-        Type of its elements.
-    read : callable
-        Returns the rows from one number to another.
-    unit : str
-        As the file states it.
-    """
-
-    name: str
+    name: str  # its name, with the groups or structures that it is in
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    read: Callable[[int, int], NDArray[Any]]
-    unit: str = ""
+    dtype: np.dtype[Any]  # type of its elements
+    read: Callable[[int, int], NDArray[Any]]  # returns the rows from one number to another
+    unit: str = ""  # as the file states it
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,17 +48,6 @@ class ArraySource(Source):
 
     Arrays of one group and one length are taken to be of one clock. A single number is no channel;
     it is told beside them.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    form : str
-        What it is, for people.
-    arrays : sequence of NamedArray
-        What is in it.
-    close : callable or None
-        Gives the file back.
     """
 
     def __init__(
@@ -82,8 +57,7 @@ class ArraySource(Source):
         arrays: Sequence[NamedArray],
         close: Callable[[], None] | None = None,
     ) -> None:
-        super().__init__(path, form)
-        self._close = close
+        super().__init__(path, form, close)
         made: list[tuple[Channel, _Column]] = []
         told: list[str] = []
         for array in arrays:
@@ -111,11 +85,6 @@ class ArraySource(Source):
                 values = numbers(column.take(read[key]))
                 piece[name] = np.full(count, np.nan) if values is None else values
             yield piece
-
-    def close(self) -> None:
-        """Give the file back."""
-        if self._close is not None:
-            self._close()
 
 
 def _channels(array: NamedArray) -> list[tuple[Channel, _Column]]:

@@ -15,7 +15,7 @@ from hdbench.errors import DataError
 from hdbench.importing.layout import SEARCHED_LINES, table_layout
 from hdbench.importing.readers.text import CellsSource, CellTable
 from hdbench.importing.source import Source, listed
-from hdbench.records.tables import data_error
+from hdbench.records.csvtext import data_error
 
 _FORM = "Excel workbook"
 # texts that cells share are read as a whole; numbers are not among them
@@ -56,20 +56,13 @@ def open_file(path: Path) -> Source:
             where=str(path),
             fix="check the file; numbers that are stored as text need a number format",
         )
-    return _Workbook(path, book, tables)
+    return _Workbook(path, _FORM, tables, book.close)
 
 
 class _Workbook(CellsSource):
-    def __init__(self, path: Path, book: Any, tables: list[CellTable]) -> None:
-        super().__init__(path, _FORM, tables)
-        self._book = book
-
     @staticmethod
     def text(cell: Any) -> str:
         return _text(cell)
-
-    def close(self) -> None:
-        self._book.close()
 
 
 def _cells(sheet: Any) -> Iterator[tuple[int, list[Any]]]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.importing.readers.arrays import ArraySource, NamedArray
-from hdbench.importing.source import Source
+from hdbench.importing.source import Source, closed_on_error
 
 h5py: Any = importlib.import_module("h5py")
 
@@ -52,16 +52,13 @@ def open_file(path: Path) -> Source:
     # another program may hold the lock of a file that is only read here
     os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
     file = h5py.File(path, "r")
-    try:
+    with closed_on_error(file.close):
         arrays = [
             _array(path, name, dataset)
             for name, dataset in _datasets(file, "", 0)
             if _is_table(dataset)
         ]
         return ArraySource(path, _FORM, arrays, file.close)
-    except BaseException:
-        file.close()
-        raise
 
 
 def _is_table(dataset: Any) -> bool:

@@ -176,6 +176,8 @@ def _flat(record: Mapping[str, Any], before: str = "", depth: int = 0) -> dict[s
 
 
 class _JsonSource(Source):
+    row_word = "record"
+
     def __init__(self, path: Path) -> None:
         super().__init__(path, _FORM)
         other: dict[str, Any] = {}
@@ -222,9 +224,6 @@ class _JsonSource(Source):
                 rows = []
         if rows:
             yield _piece(names, rows)
-
-    def place(self, row: int) -> str:
-        return f"{self.path}: record {row + 1}"
 
 
 def _piece(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Piece:

@@ -16,6 +16,7 @@ from hdbench.importing.source import (
     Channel,
     Piece,
     Source,
+    closed_on_error,
     damaged,
     numbers,
     piece_rows,
@@ -30,7 +31,7 @@ _MOST_RECORD_BYTES = 1 << 16
 
 class _MdfSource(Source):
     def __init__(self, path: Path, file: Any) -> None:
-        super().__init__(path, _FORM)
+        super().__init__(path, _FORM, file.close)
         self._file = file
         made: list[tuple[Channel, tuple[int, int, bool]]] = []
         notes: list[str] = []
@@ -90,9 +91,6 @@ class _MdfSource(Source):
             found = np.where(np.asarray(invalid), np.nan, found)
         return found
 
-    def close(self) -> None:
-        self._file.close()
-
 
 def open_file(path: Path) -> Source:
     """Open an MDF file."""
@@ -101,8 +99,5 @@ def open_file(path: Path) -> Source:
         raise damaged(path, _FORM, f"{path.stat().st_size} bytes, less than its header")
     # by its path the library would read a channel whole for each piece of it
     file = asammdf.MDF(path.open("rb"))
-    try:
+    with closed_on_error(file.close):
         return _MdfSource(path, file)
-    except BaseException:
-        file.close()
-        raise

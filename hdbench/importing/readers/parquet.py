@@ -19,8 +19,10 @@ _MOST_GROUP_BYTES = 1 << 30
 
 
 class _ParquetSource(Source):
+    row_word = "row"
+
     def __init__(self, path: Path, file: Any) -> None:
-        super().__init__(path, _FORM)
+        super().__init__(path, _FORM, file.close)
         self._file = file
         meta = file.metadata
         for k in range(meta.num_row_groups):
@@ -50,12 +52,6 @@ class _ParquetSource(Source):
         batches = self._file.iter_batches(piece_rows(len(names)), columns=list(wanted.values()))
         for batch in batches:
             yield {name: _array(batch.column(column)) for name, column in wanted.items()}
-
-    def place(self, row: int) -> str:
-        return f"{self.path}: row {row + 1}"
-
-    def close(self) -> None:
-        self._file.close()
 
 
 def _is_plain(kind: str) -> bool:

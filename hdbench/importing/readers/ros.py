@@ -11,6 +11,7 @@ import importlib
 import itertools
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.importing.source import Channel, Piece, Source, damaged, piece_rows, spelled
+from hdbench.importing.source import (
+    Channel,
+    Piece,
+    Source,
+    closed_on_error,
+    damaged,
+    piece_rows,
+    spelled,
+)
 
 _FORM = "ROS bag"
 _NAMES = ("name", "names", "joint_names")
@@ -67,17 +76,6 @@ class RosMessage:
 
     Both wire forms are read: CDR of ROS 2 (aligned, either byte order) and that of ROS 1 (packed,
     little-endian). The definition may come from the file, so nothing of it is ever executed.
-
-    Parameters
-    ----------
-    types : mapping
-        Definitions by name: constants, and pairs of name and description of each field.
-    data : bytes
-        The message.
-    name : str
-        Its type.
-    ros2 : bool
-        Whether it is CDR.
     """
 
     def __init__(self, types: Mapping[str, Any], data: bytes, name: str, *, ros2: bool) -> None:
@@ -204,9 +202,11 @@ class _Getter:
 
 
 class _RosSource(Source):
+    row_word = "message"
+
     def __init__(self, path: Path, reader: Any, close: Callable[[], None]) -> None:
-        super().__init__(path, _FORM)
-        self._reader, self._close = reader, close
+        super().__init__(path, _FORM, close)
+        self._reader = reader
         self._ros2 = not hasattr(reader, "chunks")
         typesys = importlib.import_module("rosbags.typesys")
         stores = typesys.Stores
@@ -319,12 +319,6 @@ class _RosSource(Source):
         for groups in known.values():
             yield from groups
 
-    def place(self, row: int) -> str:
-        return f"{self.path}: message {row + 1}"
-
-    def close(self) -> None:
-        self._close()
-
 
 def _matrix(messages: Sequence[bytes]) -> NDArray[np.uint8]:
     """Return messages of one length as the rows of a matrix."""
@@ -349,23 +343,12 @@ def _elements(path: str, place: _Place, layout: RosMessage) -> list[tuple[str, _
 
 def open_file(path: Path) -> Source:
     """Open a bag."""
-    keeper = tempfile.TemporaryDirectory()
-    try:
-        reader = _reader(path, Path(keeper.name))
+    held = ExitStack()
+    with closed_on_error(held.close):
+        reader = _reader(path, Path(held.enter_context(tempfile.TemporaryDirectory())))
         reader.open()
-    except BaseException:
-        keeper.cleanup()
-        raise
-
-    def close() -> None:
-        reader.close()
-        keeper.cleanup()
-
-    try:
-        return _RosSource(path, reader, close)
-    except BaseException:
-        close()
-        raise
+        held.callback(reader.close)
+        return _RosSource(path, reader, held.close)
 
 
 def _reader(path: Path, keeper: Path) -> Any:

@@ -14,6 +14,7 @@ from hdbench.importing.source import (
     Channel,
     Piece,
     Source,
+    closed_on_error,
     damaged,
     finite_or_nan,
     numbers,
@@ -31,7 +32,7 @@ _WHOLE_BYTES = 128 << 20
 
 class _TdmsSource(Source):
     def __init__(self, path: Path, file: Any) -> None:
-        super().__init__(path, _FORM)
+        super().__init__(path, _FORM, file.close)
         self._file = file
         made: list[tuple[Channel, Any]] = []
         size = path.stat().st_size
@@ -86,9 +87,6 @@ class _TdmsSource(Source):
             raise damaged(self.path, _FORM, f"{name} ends before its samples do")
         return found
 
-    def close(self) -> None:
-        self._file.close()
-
 
 def _seconds_since(start: object, begin: np.datetime64 | None) -> float:
     """Return the start of a waveform after the first one of the file, s."""
@@ -101,10 +99,7 @@ def open_file(path: Path) -> Source:
     """Open a TDMS file."""
     nptdms: Any = importlib.import_module("nptdms")
     file = nptdms.TdmsFile.open(path, raw_timestamps=False)
-    try:
+    with closed_on_error(file.close):
         if file.file_status.incomplete_final_segment:
             raise damaged(path, _FORM, "its last segment is cut off")
         return _TdmsSource(path, file)
-    except BaseException:
-        file.close()
-        raise

@@ -35,8 +35,7 @@ from hdbench.importing.source import (
     told_apart,
 )
 from hdbench.importing.units import is_time_name, stated_unit
-from hdbench.records.tables import data_error
-from hdbench.records.tables.csvtext import parse_numbers
+from hdbench.records.csvtext import data_error, parse_numbers
 from hdbench.records.trace import FloatArray
 
 # no line of a table is longer: a thousand columns of a hundred characters
@@ -51,42 +50,27 @@ _NUMBERS = frozenset((float, int, type(None)))
 
 @dataclass(frozen=True, slots=True)
 class CellTable:
-    """One table of cells.
+    """One table of cells."""
 
-    Parameters
-    ----------
-    layout : TableLayout
-        Names and width.
-    rows : callable
-        Yields the line and the cells of each row of data behind as many as it is told.
-    prefix : str
-        What stands before the names, such as the name of a sheet and ``/``.
-    plain : callable or None
-        Yields rows of numbers as long as there are no others: their columns, and their lines; no
-        column where the table ends with them.
-    """
-
-    layout: TableLayout
-    rows: _Rows
-    prefix: str = ""
+    layout: TableLayout  # names and width
+    rows: _Rows  # yields the line and the cells of each row of data behind as many as it is told
+    prefix: str = ""  # what stands before the names, such as the name of a sheet and `/`
+    # yields rows of numbers as long as there are no others: their columns, and their lines; no
+    # column where the table ends with them
     plain: Callable[[], Iterator[tuple[list[FloatArray], bytes]]] | None = None
 
 
 class CellsSource(Source):
-    """Tables of cells as a source of channels.
+    """Tables of cells as a source of channels."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    form : str
-        What it is, for people.
-    tables : sequence of CellTable
-        At least one.
-    """
-
-    def __init__(self, path: Path, form: str, tables: Sequence[CellTable]) -> None:
-        super().__init__(path, form)
+    def __init__(
+        self,
+        path: Path,
+        form: str,
+        tables: Sequence[CellTable],
+        close: Callable[[], None] | None = None,
+    ) -> None:
+        super().__init__(path, form, close)
         self._tables = {table.prefix: table for table in tables}
         channels: list[Channel] = []
         probes: list[list[str]] = []

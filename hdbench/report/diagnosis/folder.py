@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.records import FloatArray
-from hdbench.records.tables import parse_table, read_text
+from hdbench.records.csvtext import parse_table, read_text
 
 Columns = Mapping[str, FloatArray]
 

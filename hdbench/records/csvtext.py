@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.errors import DataError
+from hdbench.records.parquetfile import PARQUET, parquet_names
 from hdbench.records.storage import file_bytes, read_failure
-from hdbench.records.tables.parquetfile import PARQUET, parquet_names
 from hdbench.records.trace import FloatArray
 
 _LIMIT_COLUMNS = 1000
@@ -106,24 +106,12 @@ def safe_cell(value: object) -> object:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Header and cells of one file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header : tuple of str
-        Column names.
-    rows : tuple of sequence of str
-        Cells, one sequence of ``len(header)`` per row.
-    lines : sequence of int
-        Line of the file on which each row ends, from 1.
-    """
+    """Header and cells of one file."""
 
     path: Path
     header: tuple[str, ...]
-    rows: tuple[Sequence[str], ...]
-    lines: Sequence[int]
+    rows: tuple[Sequence[str], ...]  # cells, one sequence of `len(header)` per row
+    lines: Sequence[int]  # line of the file on which each row ends, from 1
 
 
 def check_header(path: Path, header: Sequence[str]) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.journal.file import JournalBlock, JournalContent, JournalReader
-from hdbench.records.loads import LoadReading, Loads
+from hdbench.records.csvtext import quoted
+from hdbench.records.journal import JournalBlock, JournalContent, JournalReader
+from hdbench.records.loads import SEQUENCE_NAME, LoadReading, Loads
 from hdbench.records.storage import write_atomic
-from hdbench.records.tables.csvtext import quoted
-from hdbench.records.tables.loadsfile import SEQUENCE_NAME
-from hdbench.records.tables.tracefile import rows_as_bytes
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.records.tracefile import trace_lines
 
 # rows converted at a time: bounds the memory that Python floats take on the way
 _CHUNK_ROWS = 20_000
@@ -32,65 +31,30 @@ _CHUNK_ROWS = 20_000
 
 @dataclass(slots=True)
 class SampleGroup:
-    """One acquisition of a journal.
+    """One acquisition of a journal."""
 
-    Parameters
-    ----------
-    number : int
-        Its place in the journal, from 0.
-    step : int or None
-        Step of the plan; None where the journal names none.
-    attempt : int
-        Which attempt of this step, from 1.
-    rows : int
-        Samples, lost ones included.
-    complete : bool
-        Whether it came to its end.
-    superseded : bool
-        True where a later attempt of the same step counts.
-    names : dict of str to None
-        Channels, in the order in which they first came.
-    """
-
-    number: int
-    step: int | None = None
-    attempt: int = 1
-    rows: int = 0
-    complete: bool = False
-    superseded: bool = False
+    number: int  # its place in the journal, from 0
+    step: int | None = None  # step of the plan; None where the journal names none
+    attempt: int = 1  # which attempt of this step, from 1
+    rows: int = 0  # samples, lost ones included
+    complete: bool = False  # whether it came to its end
+    superseded: bool = False  # True where a later attempt of the same step counts
+    # channels, in the order in which they first came
     names: dict[str, None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class JournalSamples:
-    """Acquisitions of a journal; their samples are read when they are asked for.
+    """Acquisitions of a journal; their samples are read when they are asked for."""
 
-    Parameters
-    ----------
-    source : Path or JournalContent
-        The journal, or what was read of it.
-    groups : tuple of SampleGroup
-        The acquisitions, in the order taken.
-    """
-
-    source: Path | JournalContent
-    groups: tuple[SampleGroup, ...]
+    source: Path | JournalContent  # the journal, or what was read of it
+    groups: tuple[SampleGroup, ...]  # the acquisitions, in the order taken
 
     def __len__(self) -> int:
         return sum(group.rows for group in self.groups)
 
     def only(self, *groups: SampleGroup) -> JournalSamples:
-        """Return the samples of these acquisitions alone.
-
-        Parameters
-        ----------
-        *groups : SampleGroup
-            Acquisitions of this journal.
-
-        Returns
-        -------
-        JournalSamples
-        """
+        """Return the samples of these acquisitions alone."""
         return replace(self, groups=groups)
 
     @property
@@ -104,18 +68,7 @@ class JournalSamples:
         return (block for group, block in _grouped(self.source) if group.number in wanted)
 
     def trace(self, source: str) -> Trace:
-        """Return the trace; memory is that of its channels.
-
-        Parameters
-        ----------
-        source : str
-            Where it came from, for messages.
-
-        Returns
-        -------
-        Trace
-            NaN where a block has not the channel.
-        """
+        """Return the trace; memory is that of its channels."""
         columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self.names}
         row = 0
         for block in self.blocks():
@@ -125,36 +78,23 @@ class JournalSamples:
         return Trace(columns, source)
 
     def write(self, path: Path) -> None:
-        """Write the trace as `write_trace` does, with memory for a few thousand rows.
-
-        Parameters
-        ----------
-        path : Path
-            A ``.csv`` file to write or replace.
-
-        Raises
-        ------
-        DataError
-            If there is no sample, one is infinite, or the time does not increase.
-        StorageError
-            If the disk is full or failed; an old file is then untouched.
-        """
+        """Write the trace as `write_trace` does, with memory for a few thousand rows."""
+        where = str(self.source) if isinstance(self.source, Path) else "<memory>"
         if not len(self) or "time_s" not in self.names:
-            raise self._error("no samples in the journal", "run the experiment again")
-        write_atomic(path, self._lines())
+            raise DataError(
+                "no samples in the journal", where=where, fix="run the experiment again"
+            )
+        write_atomic(path, trace_lines(self.names, self._pieces(), where))
 
-    def _lines(self) -> Iterator[bytes]:
-        yield (",".join(self.names) + "\n").encode()
-        last_s = -np.inf
+    def _pieces(self) -> Iterator[list[FloatArray]]:
+        """Yield the channels over some thousand rows at a time."""
         for blocks in self._chunks():
-            columns = [
+            yield [
                 np.concatenate(
                     [block.columns.get(name, np.full(block.rows, np.nan)) for block in blocks]
                 ).astype(np.float64)
                 for name in self.names
             ]
-            last_s = self._checked(columns, last_s)
-            yield rows_as_bytes(columns)
 
     def _chunks(self) -> Iterator[list[JournalBlock]]:
         waiting: list[JournalBlock] = []
@@ -168,43 +108,11 @@ class JournalSamples:
         if waiting:
             yield waiting
 
-    def _checked(self, columns: Sequence[FloatArray], last_s: float) -> float:
-        """Refuse what `write_trace` refuses; return the last time, s."""
-        time_s = columns[self.names.index("time_s")]
-        steps = np.diff(time_s, prepend=last_s)
-        infinite = any(np.isinf(values).any() for values in columns)
-        if infinite or not (np.isfinite(time_s).all() and (steps > 0.0).all()):
-            what = "a sample is infinite" if infinite else "time_s does not increase strictly"
-            raise self._error(what, "this trace cannot be stored")
-        return float(time_s[-1])
-
-    def _error(self, what: str, fix: str) -> DataError:
-        where = self.source if isinstance(self.source, Path) else "<memory>"
-        return DataError(what, where=str(where), fix=fix)
-
 
 def survey_samples(
     source: Path | JournalContent, counts: Callable[[SampleGroup], bool] | None = None
 ) -> JournalSamples:
-    """Find out what samples a journal holds, and which of them count.
-
-    Parameters
-    ----------
-    source : Path or JournalContent
-        The journal, or what was read of it.
-    counts : callable, optional
-        Says of an acquisition that is not superseded whether it counts; by default it does.
-
-    Returns
-    -------
-    JournalSamples
-        The acquisitions that count.
-
-    Raises
-    ------
-    DataError
-        If the file is missing or not a journal.
-    """
+    """Find out what samples a journal holds, and which of them count."""
     everything = all_samples(source)
     kept = [
         group
@@ -215,22 +123,7 @@ def survey_samples(
 
 
 def all_samples(source: Path | JournalContent) -> JournalSamples:
-    """Find every acquisition of a journal that holds samples, superseded ones too.
-
-    Parameters
-    ----------
-    source : Path or JournalContent
-        The journal, or what was read of it.
-
-    Returns
-    -------
-    JournalSamples
-
-    Raises
-    ------
-    DataError
-        If the file is missing or not a journal.
-    """
+    """Find every acquisition of a journal that holds samples, superseded ones too."""
     groups: dict[int, SampleGroup] = {}
     for group, block in _grouped(source):
         groups[group.number] = group
@@ -258,41 +151,17 @@ def _grouped(source: Path | JournalContent) -> Iterator[tuple[SampleGroup, Journ
 
 @dataclass(frozen=True, slots=True)
 class JournalSummary:
-    """Counts of a journal.
+    """Counts of a journal."""
 
-    Parameters
-    ----------
-    samples, readings : int
-        Acknowledged samples and load readings.
-    torn_bytes : int
-        Bytes of an unfinished last block, never acknowledged.
-    problem : str or None
-        Damage in the middle, as `JournalContent` tells it.
-    """
-
+    # acknowledged samples and load readings
     samples: int = 0
     readings: int = 0
-    torn_bytes: int = 0
-    problem: str | None = None
+    torn_bytes: int = 0  # bytes of an unfinished last block, never acknowledged
+    problem: str | None = None  # damage in the middle, as `JournalContent` tells it
 
 
 def summarize_journal(path: Path) -> JournalSummary:
-    """Count what a journal holds, one block in memory at a time.
-
-    Parameters
-    ----------
-    path : Path
-        The journal.
-
-    Returns
-    -------
-    JournalSummary
-
-    Raises
-    ------
-    DataError
-        If the file is missing or not a journal.
-    """
+    """Count what a journal holds, one block in memory at a time."""
     reader = JournalReader(path)
     counted: Counter[str] = Counter()
     for block in reader:
@@ -322,17 +191,10 @@ _KINDS = {"zero-check": "zero", "shunt": "shunt", "preload": "preload"}
 
 @dataclass(frozen=True, slots=True)
 class ReadingEntry:
-    """One acknowledged reading.
+    """One acknowledged reading."""
 
-    Parameters
-    ----------
-    entry : dict
-        What its block holds: the fields of a `LoadReading` and others.
-    superseded : str or None
-        Why it counts no more, such as ``repeat`` or ``back``; None while it counts.
-    """
-
-    entry: dict[str, Any]
+    entry: dict[str, Any]  # what its block holds: the fields of a `LoadReading` and others
+    # why it counts no more, such as `repeat` or `back`; None while it counts
     superseded: str | None
 
 

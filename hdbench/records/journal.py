@@ -36,24 +36,12 @@ _LIMIT_FILE = 16 << 30
 
 @dataclass(frozen=True, slots=True)
 class JournalBlock:
-    """One acknowledged entry.
+    """One acknowledged entry."""
 
-    Parameters
-    ----------
-    sequence : int
-        Number of the entry, from 0.
-    kind : str
-        ``samples``, ``reading`` or ``event``.
-    columns : mapping of str to ndarray, each of shape (n,)
-        Float64 or int64 channels.
-    extra : dict
-        What is known beside the columns.
-    """
-
-    sequence: int
-    kind: str
-    columns: Mapping[str, NDArray[Any]]
-    extra: dict[str, Any] = field(default_factory=dict)
+    sequence: int  # number of the entry, from 0
+    kind: str  # `samples`, `reading` or `event`
+    columns: Mapping[str, NDArray[Any]]  # float64 or int64 channels
+    extra: dict[str, Any] = field(default_factory=dict)  # what is known beside the columns
 
     @property
     def rows(self) -> int:
@@ -63,21 +51,11 @@ class JournalBlock:
 
 @dataclass(frozen=True, slots=True)
 class JournalContent:
-    """What a journal holds.
+    """What a journal holds."""
 
-    Parameters
-    ----------
-    blocks : tuple of JournalBlock
-        Every intact block, in order.
-    torn_bytes : int
-        Bytes of an unfinished last block, cut off.
-    problem : str or None
-        Damage in the middle: which blocks are missing; None when there is none.
-    """
-
-    blocks: tuple[JournalBlock, ...]
-    torn_bytes: int
-    problem: str | None
+    blocks: tuple[JournalBlock, ...]  # every intact block, in order
+    torn_bytes: int  # bytes of an unfinished last block, cut off
+    problem: str | None  # damage in the middle: which blocks are missing; None when there is none
 
 
 def _block_at(raw: bytes, start: int) -> tuple[JournalBlock, int] | None:
@@ -126,25 +104,7 @@ def _search(raw: bytes, start: int) -> int | None:
 
 
 class JournalReader:
-    """The intact blocks of a journal, one in memory at a time.
-
-    Parameters
-    ----------
-    path : Path
-        The journal.
-
-    Attributes
-    ----------
-    torn_bytes : int
-        Bytes of an unfinished last block, known after the last block was taken.
-    problem : str or None
-        Damage in the middle, known after the last block was taken.
-
-    Raises
-    ------
-    DataError
-        While blocks are taken, if the file is missing or not a journal.
-    """
+    """The intact blocks of a journal, one in memory at a time."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
@@ -203,24 +163,7 @@ def _next_intact(file: BinaryIO) -> JournalBlock | None:
 
 
 def read_journal(path: Path) -> JournalContent:
-    """Read every acknowledged block of a journal.
-
-    Parameters
-    ----------
-    path : Path
-        The journal.
-
-    Returns
-    -------
-    JournalContent
-        An unfinished last block is cut off and counted in ``torn_bytes``. Damage before intact
-        blocks is reported in ``problem``; the intact blocks are kept, nothing is filled in.
-
-    Raises
-    ------
-    DataError
-        If the file is missing or not a journal.
-    """
+    """Read every intact block of a journal; damage before others is told, nothing is filled in."""
     reader = JournalReader(path)
     blocks = tuple(reader)
     return JournalContent(blocks, reader.torn_bytes, reader.problem)
@@ -254,19 +197,8 @@ def _lock(handle: int, path: Path) -> None:
 class JournalWriter:
     """Append blocks to a journal; a synced block is on the disk when `append` returns.
 
-    Parameters
-    ----------
-    path : Path
-        File to make; it must not exist. `JournalWriter.resume` goes on with one that does.
-    flags : int
-        How to open it.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be made.
-    BusyError
-        If another process appends to it.
+    After a failed write nothing can be appended: what stands behind a half-written block could not
+    be told from damage.
     """
 
     __slots__ = ("_handle", "_path", "_sequence")
@@ -289,29 +221,9 @@ class JournalWriter:
 
     @classmethod
     def resume(cls, path: Path) -> tuple[JournalWriter, JournalContent]:
-        """Go on with the journal of a run that ended early.
+        """Go on behind the last intact block of a journal; return what stood there, too.
 
-        Parameters
-        ----------
-        path : Path
-            The journal.
-
-        Returns
-        -------
-        writer : JournalWriter
-            Appends behind the last intact block; an unfinished one behind it, which was never
-            acknowledged, is cut off.
-        content : JournalContent
-            What stood there, with the bytes that were cut.
-
-        Raises
-        ------
-        BusyError
-            If another process appends to it.
-        DataError
-            If the file is not a journal.
-        StorageError
-            If it cannot be written.
+        An unfinished block behind it, which was never acknowledged, is cut off.
         """
         writer = cls(path, flags=0)
         try:
@@ -342,26 +254,7 @@ class JournalWriter:
     ) -> None:
         """Write one block and, with `sync`, wait until the disk has it and all before it.
 
-        Parameters
-        ----------
-        kind : str
-            ``samples`` (channels of a trace, ``time_s`` among them), ``reading`` (a load reading
-            in `extra`, by the names of the loads columns) or ``event``.
-        columns : mapping of str to ndarray, each of shape (n,)
-            Channels; floats become float64, integers and booleans int64.
-        extra : mapping, optional
-            Anything JSON can hold, without NaN.
-        sync : bool
-            False leaves the block with the operating system: it survives the end of this process,
-            not yet a power cut.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or failed. Nothing can be appended after that: what stands behind
-            a half-written block could not be told from damage.
-        ValueError
-            If a column is not one-dimensional or `extra` holds NaN.
+        Without, it survives the end of this process, not yet a power cut.
         """
         if self._handle < 0:
             raise StorageError(
@@ -382,13 +275,7 @@ class JournalWriter:
         self._sequence += 1
 
     def close(self) -> None:
-        """Sync and close the file; safe to call twice.
-
-        Raises
-        ------
-        StorageError
-            If the last blocks could not be synced.
-        """
+        """Sync and close the file; safe to call twice."""
         if self._handle < 0:
             return
         try:

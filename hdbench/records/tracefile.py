@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.storage import write_atomic
-from hdbench.records.tables.csvtext import (
+from hdbench.records.csvtext import (
     IMPORT_FIX,
     LIMIT_BYTES,
     Table,
@@ -23,7 +22,8 @@ from hdbench.records.tables.csvtext import (
     quoted,
     read_raw,
 )
-from hdbench.records.tables.parquetfile import PARQUET, parquet_columns
+from hdbench.records.parquetfile import PARQUET, parquet_columns
+from hdbench.records.storage import write_atomic
 from hdbench.records.trace import FloatArray, Trace
 
 TRACE_COLUMNS = (
@@ -46,6 +46,7 @@ _GROUPS = {
     "velocity": ("motor_velocity_rad_s", "tacho_v"),
     "angle": ("motor_angle_rad", "encoder_count"),
 }
+_WRITE_FIX = "this trace cannot be stored; make it again"
 # rows written at a time: bounds the memory that their text takes on the way
 _CHUNK_ROWS = 50_000
 # a larger file is read by pieces of this size, for its text takes more than its numbers
@@ -227,44 +228,54 @@ def write_trace(path: Path, trace: Trace) -> None:
         If there is no sample, a column has another length than the time or holds an infinity, or
         the time does not increase.
     """
-    path = Path(path)
-    _check_writable(trace)
-    chunks = _text_of(trace)
-    if path.suffix == ".gz":
-        write_atomic(path, gzip.compress(b"".join(chunks), compresslevel=6, mtime=0))
-    else:
-        write_atomic(path, chunks)
-
-
-def _check_writable(trace: Trace) -> None:
-    fix = "this trace cannot be stored; make it again"
-    time_s = trace.columns.get("time_s")
+    path, time_s = Path(path), trace.columns.get("time_s")
     if time_s is None or not len(time_s):
-        raise DataError("a trace without samples", where=trace.source, fix=fix)
-    if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all()):
-        raise DataError("channel time_s does not increase strictly", where=trace.source, fix=fix)
+        raise DataError("a trace without samples", where=trace.source, fix=_WRITE_FIX)
     for name, values in trace.columns.items():
         if values.shape != time_s.shape:
             what = f"channel {name} has shape {values.shape}; needed: {time_s.shape}"
-            raise DataError(what, where=trace.source, fix=fix)
-        if np.isinf(values).any():
-            sample = int(np.flatnonzero(np.isinf(values))[0])
-            what = f"channel {name} is infinite at sample {sample}"
-            raise DataError(what, where=trace.source, fix=fix)
-
-
-def _text_of(trace: Trace) -> Iterator[bytes]:
-    n = len(trace)
+            raise DataError(what, where=trace.source, fix=_WRITE_FIX)
     kept = trace.metadata.get("text_columns", {})
-    texts = {name: cells for name, cells in kept.items() if len(cells) == n}
-    yield (",".join(map(quoted, [*trace.columns, *texts])) + "\n").encode()
-    for start in range(0, n, _CHUNK_ROWS):
-        stop = start + _CHUNK_ROWS
-        columns = [np.asarray(v, dtype=np.float64)[start:stop] for v in trace.columns.values()]
-        yield rows_as_bytes(columns, [cells[start:stop] for cells in texts.values()])
+    texts = {name: cells for name, cells in kept.items() if len(cells) == len(trace)}
+    pieces = (
+        [
+            np.asarray(v, dtype=np.float64)[start : start + _CHUNK_ROWS]
+            for v in trace.columns.values()
+        ]
+        for start in range(0, len(trace), _CHUNK_ROWS)
+    )
+    lines = trace_lines(tuple(trace.columns), pieces, trace.source, texts)
+    if path.suffix == ".gz":
+        lines = iter([gzip.compress(b"".join(lines), compresslevel=6, mtime=0)])
+    write_atomic(path, lines)
 
 
-def rows_as_bytes(columns: Iterable[FloatArray], texts: Iterable[Sequence[str]] = ()) -> bytes:
+def trace_lines(
+    names: Sequence[str],
+    pieces: Iterable[Sequence[FloatArray]],
+    source: str,
+    texts: Mapping[str, Sequence[str]] | None = None,
+) -> Iterator[bytes]:
+    """Yield a trace as text, its samples checked piece by piece; texts stand behind the numbers."""
+    texts = texts or {}
+    yield (",".join(map(quoted, [*names, *texts])) + "\n").encode()
+    row, last_s = 0, -np.inf
+    for columns in pieces:
+        for name, values in zip(names, columns, strict=True):
+            infinite = np.flatnonzero(np.isinf(values))
+            if len(infinite):
+                what = f"channel {name} is infinite at sample {row + int(infinite[0])}"
+                raise DataError(what, where=source, fix=_WRITE_FIX)
+        time_s = columns[names.index("time_s")]
+        if not (np.diff(time_s, prepend=last_s) > 0.0).all():
+            what = "channel time_s does not increase strictly"
+            raise DataError(what, where=source, fix=_WRITE_FIX)
+        end, last_s = row + len(time_s), time_s[-1]
+        yield _rows_as_bytes(columns, [cells[row:end] for cells in texts.values()])
+        row = end
+
+
+def _rows_as_bytes(columns: Iterable[FloatArray], texts: Iterable[Sequence[str]]) -> bytes:
     """Return rows as CSV; a number stands in its shortest form that reads back exactly."""
     cells = [list(map(repr, values.tolist())) for values in columns]
     cells += [list(map(quoted, words)) for words in texts]
