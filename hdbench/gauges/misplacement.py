@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.gauges.bridge import torque_reading
 from hdbench.gauges.layout import GridGeometry, Layout
-from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strain
+from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strain, torque_reading
 from hdbench.profile.schema import ProfileData, Sensor
 from hdbench.records.trace import FloatArray
 

@@ -16,8 +16,9 @@ from scipy import stats
 from worked_example import masses
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.budget import combined, expanded_uncertainty, propagate, with_shares
+from hdbench.calibration.budget import combined, expanded_uncertainty, propagate
 from hdbench.calibration.evaluation import decide
+from hdbench.calibration.lever import with_shares
 from hdbench.errors import DataError
 from hdbench.profile import load_profile, new_profile, parse_profile
 from hdbench.records import LoadReading, Loads

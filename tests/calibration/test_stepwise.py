@@ -8,7 +8,7 @@ import pytest
 from worked_example import SERIES, worked_loads
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.applied import TorqueAccount
+from hdbench.calibration.lever import TorqueAccount
 from hdbench.calibration.readings import taken_readings
 from hdbench.calibration.stepwise.evaluation import CLASSES, class_limit, classify, evaluate_group
 from hdbench.calibration.stepwise.series import step_groups
