@@ -13,7 +13,7 @@ from hdbench.errors import DataError
 from hdbench.model.cause import catalogue, check_term
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR, angle_error_rad
 from hdbench.model.definition import Cause, CauseTerm, amplitude_phase
-from hdbench.model.motion import Motion, gauge_order_factor
+from hdbench.model.motion import Motion, gauge_order_factor, turns_of
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
@@ -53,12 +53,6 @@ def expected_torque_nm(motion: Motion, inertia_nm_s2: float) -> FloatArray:
     return np.asarray(inertia_nm_s2 * motion.acceleration_rad_s2)
 
 
-def output_turns(motion: Motion) -> float:
-    """Return the span of the output angle over the valid samples."""
-    angle = motion.output_angle_rad[motion.valid]
-    return float(np.ptp(angle)) / (2.0 * math.pi) if len(angle) else 0.0
-
-
 def baseline_columns(
     motion: Motion, profile: ProfileData, *, load: float = 1.0
 ) -> tuple[FloatArray, tuple[str, ...], FloatArray]:
@@ -94,7 +88,7 @@ def baseline_columns(
         angle = order * motion.angle_rad
         names += [f"ripple:{order!r}:cosine", f"ripple:{order!r}:sine"]
         columns += [np.cos(angle), np.sin(angle)]
-    if output_turns(motion) >= 1.0:
+    if turns_of(motion.output_angle_rad, motion) >= 1.0:
         names += ["misalignment:cosine", "misalignment:sine"]
         columns += [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
     return fixed, tuple(names), np.column_stack(columns)
