@@ -25,6 +25,7 @@ from hdbench.filter.kalman import (
     run,
 )
 from hdbench.filter.model import FilterModel, OscillatorBlock
+from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray, Trace
 
 SATURATED, STUCK = 8, 16
@@ -288,25 +289,17 @@ class Channels:
     source: str
 
 
-def filter_channels(
-    trace: Trace,
-    *,
-    use_measured_angle: bool,
-    velocity_gain_rad_s_per_v: float,
-    encoder_counts_per_turn: int | None = None,
-) -> Channels:
+def filter_channels(trace: Trace, profile: ProfileData, *, use_measured_angle: bool) -> Channels:
     """Return the channels that the filter reads.
 
     Parameters
     ----------
     trace : Trace
         With ``torque_nm`` and ``motor_velocity_rad_s`` or ``tacho_v``.
+    profile : ProfileData
+        Gain of the tacho and counts of the encoder, for channels in volts and counts.
     use_measured_angle : bool
         Whether a measured motor angle is wanted where there is one.
-    velocity_gain_rad_s_per_v : float
-        Motor speed per tacho volt, rad/s/V; used where there is no ``motor_velocity_rad_s``.
-    encoder_counts_per_turn : int or None
-        Turns ``encoder_count`` into an angle where there is no ``motor_angle_rad``.
 
     Returns
     -------
@@ -327,7 +320,7 @@ def filter_channels(
     if "motor_velocity_rad_s" in trace:
         velocity = trace["motor_velocity_rad_s"]
     elif "tacho_v" in trace:
-        velocity = trace["tacho_v"] * velocity_gain_rad_s_per_v
+        velocity = trace["tacho_v"] * profile.tacho.gain_rad_s_per_v
     else:
         raise DataError(
             "there is neither motor_velocity_rad_s nor tacho_v",
@@ -338,8 +331,8 @@ def filter_channels(
     if use_measured_angle:
         if "motor_angle_rad" in trace:
             angle = trace["motor_angle_rad"]
-        elif "encoder_count" in trace and encoder_counts_per_turn is not None:
-            angle = trace["encoder_count"] * (2.0 * np.pi / encoder_counts_per_turn)
+        elif "encoder_count" in trace:
+            angle = trace["encoder_count"] * (2.0 * np.pi / profile.encoder.counts_per_turn)
     return Channels(trace.time_s, velocity, trace["torque_nm"], angle, trace.source)
 
 
@@ -350,13 +343,7 @@ def run_channels(model: FilterModel, channels: Channels) -> FilteredBlock:
     return run(packed, new_state(packed), *samples, angle_rad=channels.angle_rad)
 
 
-def filter_trace(
-    trace: Trace,
-    model: FilterModel,
-    *,
-    velocity_gain_rad_s_per_v: float,
-    encoder_counts_per_turn: int | None = None,
-) -> FilteredBlock:
+def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> FilteredBlock:
     """Filter a stored trace as it would have been filtered while sampling.
 
     Parameters
@@ -365,11 +352,8 @@ def filter_trace(
         With ``torque_nm`` and ``motor_velocity_rad_s`` or ``tacho_v``.
     model : FilterModel
         Orders, noise and expected torque.
-    velocity_gain_rad_s_per_v : float
-        Motor speed per tacho volt, rad/s/V; used where there is no ``motor_velocity_rad_s``.
-    encoder_counts_per_turn : int or None
-        Turns ``encoder_count`` into an angle where the model uses a measured one and there is no
-        ``motor_angle_rad``.
+    profile : ProfileData
+        Gain of the tacho and counts of the encoder, for channels in volts and counts.
 
     Returns
     -------
@@ -381,12 +365,7 @@ def filter_trace(
     DataError
         If a channel is missing or time does not increase.
     """
-    channels = filter_channels(
-        trace,
-        use_measured_angle=model.use_measured_angle,
-        velocity_gain_rad_s_per_v=velocity_gain_rad_s_per_v,
-        encoder_counts_per_turn=encoder_counts_per_turn,
-    )
+    channels = filter_channels(trace, profile, use_measured_angle=model.use_measured_angle)
     try:
         return OnlineFilter(model).process(
             channels.time_s, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad
