@@ -98,8 +98,8 @@ def _filtered(
         found = _compared(trace, best, profile)
         if plot is not None:
             _draw(plot, trace, found)
-        others = [row for row in found.contenders if row.name != "raw"]
-        written = written.with_columns(**{f"torque_{row.name}_nm": row.torque_nm for row in others})
+        others = {name: torque for name, torque in found.torque_nm.items() if name != "raw"}
+        written = written.with_columns(**{f"torque_{name}_nm": x for name, x in others.items()})
         body["comparison"] = found.to_dict()
     write_trace(out, written)
     return body
@@ -268,7 +268,7 @@ def _draw(path: Path, trace: Trace, comparison: Comparison) -> None:
     """Draw the contenders over time."""
     from hdbench.report.plots import plot_comparison
 
-    torques = {row.name: row.torque_nm for row in comparison.contenders}
+    torques = dict(comparison.torque_nm)
     if _TRUTH in trace:
         torques = {"truth": trace[_TRUTH], **torques}
     plot_comparison(path, trace.time_s, torques)
