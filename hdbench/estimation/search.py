@@ -404,8 +404,18 @@ def _unwhitened(
     backward, forward = np.percentile(np.diff(turns), (5.0, 95.0))
     if not backward < 0.0 < forward:
         return []
-    taken_orders, taken_tones = _taken(turns, time_s, _rate(turns, time_s), orders, lines)
-    white = fit.residual[fit.used] / fit.rms
+    return _strongest(fit.residual[fit.used] / fit.rms, turns, time_s, orders, lines)
+
+
+def _strongest(
+    white: FloatArray,
+    turns: FloatArray,
+    time_s: FloatArray,
+    orders: tuple[float, ...],
+    lines: list[Line],
+) -> list[Line]:
+    """Return the strongest line of each domain that is not known yet."""
+    taken_orders, taken_tones = _taken(turns, time_s, orders, lines)
     candidates = (
         strongest_line(white, turns, "motor-order", taken=taken_orders),
         strongest_line(white, time_s, "frequency", taken=taken_tones),
@@ -428,13 +438,7 @@ def _next_line(
     lines: list[Line],
 ) -> Line | None:
     """Return the strongest line that is not known yet, or None where noise alone shows as much."""
-    rate = _rate(turns, time_s)
-    taken_orders, taken_tones = _taken(turns, time_s, rate, orders, lines)
-    candidates = [
-        strongest_line(white, turns, "motor-order", taken=taken_orders),
-        strongest_line(white, time_s, "frequency", taken=taken_tones),
-    ]
-    found = [line for line in candidates if line is not None]
+    found = _strongest(white, turns, time_s, orders, lines)
     if not found:
         return None
     best = max(found, key=lambda line: line.power)
@@ -444,9 +448,7 @@ def _next_line(
     # with both domains alike the motor is named first: that is what turns on this bench
     chosen = next(x for x in found if x.power > best.power - _UNDECIDED_NATS)
     other = next((x for x in found if x is not chosen), None)
-    same = other is not None and _same_line(
-        chosen, other, float(np.median(rate)), float(np.ptp(time_s))
-    )
+    same = other is not None and _same_line(chosen, other, turns, time_s)
     return replace(
         chosen,
         false_alarm_probability=probability,
@@ -462,32 +464,25 @@ def _rate(turns: FloatArray, time_s: FloatArray) -> FloatArray:
 
 
 def _taken(
-    turns: FloatArray,
-    time_s: FloatArray,
-    rate: FloatArray,
-    orders: tuple[float, ...],
-    lines: list[Line],
+    turns: FloatArray, time_s: FloatArray, orders: tuple[float, ...], lines: list[Line]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return orders and frequencies at which nothing new can be named."""
     at_orders = orders + tuple(x.location for x in lines if x.domain == "motor-order")
     at_tones = tuple(x.location for x in lines if x.domain == "frequency")
-    slow, fast = (float(q) for q in np.percentile(rate, (5.0, 95.0)))
+    slow, fast = (float(q) for q in np.percentile(_rate(turns, time_s), (5.0, 95.0)))
     also_tones = _seen_as(at_orders, slow, fast, float(np.ptp(time_s)))
     # a motor at rest turns a tone into no order at all
     also_orders = _seen_as(at_tones, 1.0 / fast, 1.0 / slow, float(np.ptp(turns))) if slow else ()
     return at_orders + also_orders, at_tones + also_tones
 
 
-def _same_line(one: Line, other: Line, turns_per_s: float, duration_s: float) -> bool:
+def _same_line(one: Line, other: Line, turns: FloatArray, time_s: FloatArray) -> bool:
     """Say whether an order and a frequency are one line at this speed, and equally likely."""
     if not other.power > one.power - _UNDECIDED_NATS:
         return False
-    order, tone = (
-        (one.location, other.location)
-        if one.domain == "motor-order"
-        else (other.location, one.location)
-    )
-    return abs(order * turns_per_s - tone) * duration_s < NEIGHBOUR_RESOLUTIONS
+    order, tone = (one, other) if one.domain == "motor-order" else (other, one)
+    apart = order.location * float(np.median(_rate(turns, time_s))) - tone.location
+    return abs(apart) * float(np.ptp(time_s)) < NEIGHBOUR_RESOLUTIONS
 
 
 def _seen_as(places: tuple[float, ...], slow: float, fast: float, span: float) -> tuple[float, ...]:

@@ -237,31 +237,20 @@ def block_amplitudes(model: FilterModel, state: FloatArray) -> tuple[BlockAmplit
     # the state stands before the last sample's measurement: done here
     states = (predicted + state[STEP] * gain).tolist()
     rows, columns = np.tril_indices(size)
-    triangle = triangle[: rows.size] - state[INVERSE] * (gain[rows] * gain[columns])
-    return tuple(
-        _amplitude(block, states[2 * at : 2 * at + 2], _corner(triangle.tolist(), 2 * at))
-        for at, block in enumerate(model.blocks)
+    covariance = np.zeros((size, size))
+    covariance[rows, columns] = triangle[: rows.size] - state[INVERSE] * (
+        gain[rows] * gain[columns]
     )
-
-
-def _corner(triangle: list[float], first: int) -> tuple[float, float, float]:
-    """Return P_aa, P_ab, P_bb of the states `first` and `first` + 1."""
-    below = (first + 1) * (first + 2) // 2
-    return (
-        triangle[first * (first + 1) // 2 + first],
-        triangle[below + first],
-        triangle[below + first + 1],
-    )
-
-
-def _amplitude(
-    block: OscillatorBlock, states: list[float], corner: tuple[float, float, float]
-) -> BlockAmplitude:
-    a, b = states
-    aa, ab, bb = corner
-    size = math.hypot(a, b)
-    variance = (a * a * aa + 2.0 * a * b * ab + b * b * bb) / size**2 if size else (aa + bb) / 2.0
-    return BlockAmplitude(block, size, math.sqrt(max(0.0, variance)))
+    found = []
+    for i, block in zip(range(0, size, 2), model.blocks, strict=False):
+        a, b = states[i : i + 2]
+        (aa, _), (ab, bb) = covariance[i : i + 2, i : i + 2].tolist()
+        amplitude = math.hypot(a, b)
+        variance = (aa + bb) / 2.0
+        if amplitude:
+            variance = (a * a * aa + 2.0 * a * b * ab + b * b * bb) / amplitude**2
+        found.append(BlockAmplitude(block, amplitude, math.sqrt(max(0.0, variance))))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.estimation.stretches import true_runs
 from hdbench.records.trace import FloatArray
 
 # share of the whole range by which two halves of a window may differ on a plateau, and two
@@ -123,7 +124,7 @@ def find_plateaus(time_s: FloatArray, reading: FloatArray, least_s: float = 3.0)
     if len(x) >= 3 * _MIN_WINDOW:
         window = max(_MIN_WINDOW, int(least_s / 3.0 / float(np.median(np.diff(t)))))
         limit = _limit(x, noise, window)
-        found = _joined(_runs(_steady(x, window, limit)), x, limit)
+        found = _joined(true_runs(_steady(x, window, limit)), x, limit)
     out = []
     for start, end in found:
         if t[end - 1] - t[start] >= least_s * 2.0 / 3.0:
@@ -158,11 +159,6 @@ def _steady(x: FloatArray, window: int, limit: float) -> NDArray[np.bool_]:
     # short windows at the ends are noisier: they do not decide
     short = (places - left < _MIN_WINDOW) | (behind < _MIN_WINDOW)
     return np.asarray(short | (np.abs(mean_behind - mean_before) <= limit))
-
-
-def _runs(steady: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _joined(runs: list[tuple[int, int]], x: FloatArray, limit: float) -> list[tuple[int, int]]:
@@ -250,8 +246,7 @@ def find_stuck(x: FloatArray) -> NDArray[np.bool_]:
     same = np.diff(x) == 0.0
     if not len(same) or float(same.mean()) > 0.5:
         return found
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    for start, end in true_runs(same):
         if end - start >= _STUCK:
             found[start + 1 : end + 1] = True
     return found
