@@ -86,7 +86,9 @@ def test_a_restored_state_goes_on_with_the_same_bits(kernel, model, cut):
 
 
 @pytest.mark.parametrize(
-    "state", [[0.0, 1.0], np.full(23, np.nan), np.zeros(60)], ids=["short", "nan", "long"]
+    "state",
+    [[0.0, 1.0], np.full(23, np.nan), np.zeros(60), OnlineFilter(GUARDED).state()],
+    ids=["short", "nan", "long", "screened"],
 )
 def test_a_foreign_state_is_refused(state):
     with pytest.raises(DataError, match="filter state"):
