@@ -45,17 +45,11 @@ _LARGEST_SCALE_ERROR = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Which samples are evaluated; all by default.
+    """Which samples are evaluated; all by default."""
 
-    Parameters
-    ----------
-    velocity_above_rad_s : float or None
-        Only samples whose motor velocity exceeds this in magnitude, rad/s.
-    from_s, to_s : float or None
-        Only samples within these times, s.
-    """
-
+    # only samples whose motor velocity exceeds this in magnitude, rad/s
     velocity_above_rad_s: float | None = None
+    # only samples within these times, s
     from_s: float | None = None
     to_s: float | None = None
 

@@ -408,18 +408,11 @@ def vangel_interval(consistency: float, dof: float) -> tuple[float, float | None
 
 @dataclass(frozen=True, slots=True)
 class Extreme:
-    """One value that stands off.
-
-    Parameters
-    ----------
-    index : int
-        Its place.
-    statistic, limit : float
-        Distance from the mean over the standard deviation, without the values that stand further
-        off; what chance allows.
-    """
+    """One value that stands off."""
 
     index: int
+    # distance from the mean over the standard deviation, without the values that stand further off;
+    # what chance allows
     statistic: float
     limit: float
 
@@ -478,21 +471,14 @@ def extreme_values(values: Sequence[float]) -> tuple[Extreme, ...]:
 
 @dataclass(frozen=True, slots=True)
 class GainOutlier:
-    """Gains that stand off.
+    """Gains that stand off."""
 
-    Parameters
-    ----------
-    kind : str
-        ``gain``: one experiment among others at its position, or one of all where each position
-        has one; ``position``: all experiments of a position.
-    places : tuple of int
-        Places of the experiments.
-    statistic, limit : float
-        Distance over the standard deviation; what chance allows.
-    """
-
+    # `gain`: one experiment among others at its position, or one of all where each position has
+    # one; `position`: all experiments of a position
     kind: str
+    # places of the experiments
     places: tuple[int, ...]
+    # distance over the standard deviation; what chance allows
     statistic: float
     limit: float
 

@@ -21,19 +21,13 @@ _TURNS = 20
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What may differ from reading to reading.
+    """What may differ from reading to reading."""
 
-    Parameters
-    ----------
-    temperature_c, pressure_hpa, humidity_percent : float or None
-        Air and arm at the reading; None where not told.
-    arm_length_m : float or None
-        Another arm than the profile's, m.
-    """
-
+    # air and arm at the reading; None where not told
     temperature_c: float | None = None
     pressure_hpa: float | None = None
     humidity_percent: float | None = None
+    # another arm than the profile's, m
     arm_length_m: float | None = None
 
 
@@ -78,27 +72,18 @@ def buoyancy_factors(
 
 @dataclass(frozen=True, slots=True)
 class AppliedTorque:
-    """Torque of one load, with every correction.
+    """Torque of one load, with every correction."""
 
-    Parameters
-    ----------
-    torque_nm : float
-        Applied torque, N m, at least 0.
-    nominal_nm : float
-        Mass times local gravity times length, N m.
-    tilt_rad : float
-        Downward tilt of the arm under this load, rad.
-    length_m, offset_m : float
-        Length and hang-point offset used, m.
-    corrections : tuple of Correction
-        In the order in which they were made.
-    """
-
+    # applied torque, N m, at least 0
     torque_nm: float
+    # mass times local gravity times length, N m
     nominal_nm: float
+    # downward tilt of the arm under this load, rad
     tilt_rad: float
+    # length and hang-point offset used, m
     length_m: float
     offset_m: float
+    # in the order in which they were made
     corrections: tuple[Correction, ...]
 
 
@@ -332,30 +317,20 @@ _SOURCE = {"certified mass": "mass of the weights", "air buoyancy": "air density
 
 @dataclass(frozen=True, slots=True)
 class TorqueAccount:
-    """Where the applied torques come from and what they are uncertain by.
+    """Where the applied torques come from and what they are uncertain by."""
 
-    Parameters
-    ----------
-    source : str
-        ``masses``, ``given`` or ``mixed``.
-    largest : AppliedTorque or None
-        The largest load that was made of a mass, with its corrections.
-    rows : tuple of BudgetRow
-        Relative uncertainties at that load, common to all readings.
-    gravity_m_s2, gravity_source : float, str
-        Local gravity and where it comes from.
-    relative_at : tuple of (float, float)
-        Applied torque, N m, and its relative standard uncertainty, for each load made of a mass.
-    n_stated : int
-        Readings with a mass whose torque is stated and is not mass times gravity times length.
-    """
-
+    # `masses`, `given` or `mixed`
     source: str
+    # the largest load that was made of a mass, with its corrections
     largest: AppliedTorque | None
+    # relative uncertainties at that load, common to all readings
     rows: tuple[BudgetRow, ...]
+    # local gravity and where it comes from
     gravity_m_s2: float
     gravity_source: str
+    # applied torque, N m, and its relative standard uncertainty, for each load made of a mass
     relative_at: tuple[tuple[float, float], ...]
+    # readings with a mass whose torque is stated and is not mass times gravity times length
     n_stated: int = 0
 
     def relative_std_at(self, torque_nm: float) -> float:

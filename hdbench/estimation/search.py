@@ -27,30 +27,20 @@ Domain = Literal["motor-order", "frequency"]
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A sinusoid in a residual.
+    """A sinusoid in a residual."""
 
-    Parameters
-    ----------
-    domain : {'motor-order', 'frequency'}
-        What it is locked to.
-    location : float
-        Cycles per motor turn, or Hz.
-    power : float
-        Periodogram value of the whitened residual, exponential with mean 1 under noise.
-    false_alarm_probability : float
-        Chance that noise alone shows a line as strong anywhere in the range searched.
-    component : Harmonic or None
-        Amplitude and phase from the joint regression, once fitted.
-    equivalent : float or None
-        Location in the other domain, where the record cannot tell the two apart (their
-        likelihoods are within 3 nats, as at constant velocity); else None.
-    """
-
+    # what it is locked to
     domain: Domain
+    # cycles per motor turn, or Hz
     location: float
+    # periodogram value of the whitened residual, exponential with mean 1 under noise
     power: float
+    # chance that noise alone shows a line as strong anywhere in the range searched
     false_alarm_probability: float
+    # amplitude and phase from the joint regression, once fitted
     component: Harmonic | None = None
+    # location in the other domain, where the record cannot tell the two apart (their likelihoods
+    # are within 3 nats, as at constant velocity); else None
     equivalent: float | None = None
 
 
@@ -274,20 +264,13 @@ _LINE_WIDTH = 3.0
 
 @dataclass(frozen=True, slots=True)
 class LineFit:
-    """A regression with the lines that its residual showed.
+    """A regression with the lines that its residual showed."""
 
-    Parameters
-    ----------
-    fit : LinearFit
-        Joint fit; the first columns are those asked for, then two per line.
-    lines : tuple of Line
-        Lines found, in the order found.
-    design : ndarray, shape (n, k + 2 m)
-        Columns of the fit: those asked for, then cosine and sine of each line.
-    """
-
+    # joint fit; the first columns are those asked for, then two per line
     fit: LinearFit
+    # lines found, in the order found
     lines: tuple[Line, ...]
+    # shape (n, k + 2 m): Columns of the fit: those asked for, then cosine and sine of each line
     design: FloatArray
 
 

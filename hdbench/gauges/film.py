@@ -33,29 +33,6 @@ _HEAD_MM, _FOOT_MM = 16.0, 92.0
 class FilmRequest:
     """A film for the diaphragm of one flexspline.
 
-    Parameters
-    ----------
-    diameter_mm : float
-        Flexspline diameter, mm.
-    boss_mm : float
-        Diameter of the boss or of the ring of screws that the gauges must stay clear of, mm.
-    geometry : GridGeometry
-        Radius of the rosettes and distance of their two grids, mm.
-    pad_mm : tuple of float
-        Rosette pad: along the circumference, along the radius, mm.
-    grid_mm : tuple of float
-        Measuring grid: along its wires, across them, mm.
-    layout : Layout
-        The rosettes.
-    sheet : str
-        A key of `SHEETS`.
-    mirror : bool
-        True: as seen from the diaphragm, for gauges laid on the printed side.
-    line_mm : float
-        Line width, mm.
-    bench : str
-        Name of the bench, printed on the sheet.
-
     Raises
     ------
     UsageError
@@ -63,15 +40,25 @@ class FilmRequest:
         problems at once.
     """
 
+    # flexspline diameter, mm
     diameter_mm: float
+    # diameter of the boss or of the ring of screws that the gauges must stay clear of, mm
     boss_mm: float
+    # radius of the rosettes and distance of their two grids, mm
     geometry: GridGeometry
+    # rosette pad: along the circumference, along the radius, mm
     pad_mm: tuple[float, float]
+    # measuring grid: along its wires, across them, mm
     grid_mm: tuple[float, float]
+    # the rosettes
     layout: Layout = field(default_factory=lambda: LAYOUTS["four"])
+    # A key of `SHEETS`
     sheet: str = "a4"
+    # true: as seen from the diaphragm, for gauges laid on the printed side
     mirror: bool = False
+    # line width, mm
     line_mm: float = 0.05
+    # name of the bench, printed on the sheet
     bench: str = ""
 
     def __post_init__(self) -> None:
@@ -364,21 +351,14 @@ def _small_print(request: FilmRequest) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """A film that was written.
+    """A film that was written."""
 
-    Parameters
-    ----------
-    title : str
-        Its head line.
-    pdf, svg : Path
-        The files.
-    sizes_mm : dict of str to float
-        Sizes to check on the printed film, mm.
-    """
-
+    # its head line
     title: str
+    # the files
     pdf: Path
     svg: Path
+    # sizes to check on the printed film, mm
     sizes_mm: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:

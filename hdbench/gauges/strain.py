@@ -15,43 +15,28 @@ from hdbench.records.trace import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Wave:
-    r"""What the wave generator's ellipse does to the diaphragm at one order.
+    r"""What the wave generator's ellipse does to the diaphragm at one order."""
 
-    Parameters
-    ----------
-    order : float
-        Cycles per turn of the wave generator against the flexspline.
-    pair_strain : float
-        :math:`\Psi_m`, strain amplitude of the difference of a rosette's two grids (equation 2).
-    """
-
+    # cycles per turn of the wave generator against the flexspline
     order: float
+    # :math:`\Psi_m`, strain amplitude of the difference of a rosette's two grids (equation 2)
     pair_strain: float
 
 
 @dataclass(frozen=True, slots=True)
 class StrainField:
-    """Surface strain of the diaphragm about the mean radius of the rosettes.
+    """Surface strain of the diaphragm about the mean radius of the rosettes."""
 
-    Parameters
-    ----------
-    torsion_per_nm : float
-        Strain of one grid at 45 degrees at the mean radius for 1 N m, 1/(N m), above 0.
-    waves : tuple of Wave
-        Orders of the wave generator's strain.
-    normal_share : float
-        Amplitude of radial less tangential wave strain, and of their sum, over that of the shear,
-        at least 0.
-    assembly_strain : float
-        Steady radial strain from assembly at the mean radius; its tangential strain is 0.
-    radial_growth : float
-        Exponent with which wave and assembly strain grow with the radius, at least 0.
-    """
-
+    # strain of one grid at 45 degrees at the mean radius for 1 N m, 1/(N m), above 0
     torsion_per_nm: float
+    # orders of the wave generator's strain
     waves: tuple[Wave, ...]
+    # amplitude of radial less tangential wave strain, and of their sum, over that of the shear, at
+    # least 0
     normal_share: float = 1.0
+    # steady radial strain from assembly at the mean radius; its tangential strain is 0
     assembly_strain: float = 0.0
+    # exponent with which wave and assembly strain grow with the radius, at least 0
     radial_growth: float = 1.0
 
     def __post_init__(self) -> None:
@@ -75,20 +60,14 @@ class StrainField:
 
 @dataclass(frozen=True, slots=True)
 class PlacementErrors:
-    """How far each rosette is from its place.
+    """How far each rosette is from its place."""
 
-    Parameters
-    ----------
-    radial_mm : ndarray, shape (draws, rosettes)
-        Outwards, mm.
-    circumferential_rad : ndarray, shape (draws, rosettes)
-        Along the circumference, angle on the diaphragm, rad, counter-clockwise.
-    angular_rad : ndarray, shape (draws, rosettes)
-        Turned about its own centre, rad, counter-clockwise.
-    """
-
+    # shape (draws, rosettes): Outwards, mm
     radial_mm: FloatArray
+    # shape (draws, rosettes): Along the circumference, angle on the diaphragm, rad, counter-
+    # clockwise
     circumferential_rad: FloatArray
+    # shape (draws, rosettes): Turned about its own centre, rad, counter-clockwise
     angular_rad: FloatArray
 
     def __post_init__(self) -> None:

@@ -38,57 +38,37 @@ _Place = tuple[str, float, str, str]
 
 @dataclass(frozen=True, slots=True)
 class StaircasePlan:
-    """What comes from where.
+    """What comes from where."""
 
-    Parameters
-    ----------
-    maps : tuple of Entry
-        ``time_s`` and ``reading_v``.
-    constants : tuple of Entry
-        ``experiment``, ``position_rad``, ``range``, ``direction``; each has a default.
-    loads : tuple of float
-        Loads in the order in which they were hung.
-    unit : str
-        ``nm``, ``kg`` or ``lb``.
-    least_s : float
-        Shortest plateau, s.
-    rate_hz : float or None
-        Sample rate where there is no time column, Hz.
-    layout : ForeignFormat
-        How the file is laid out.
-    """
-
+    # `time_s` and `reading_v`
     maps: tuple[Entry, ...]
+    # `experiment`, `position_rad`, `range`, `direction`; each has a default
     constants: tuple[Entry, ...]
+    # loads in the order in which they were hung
     loads: tuple[float, ...]
+    # `nm`, `kg` or `lb`
     unit: str = "nm"
+    # shortest plateau, s
     least_s: float = 3.0
+    # sample rate where there is no time column, Hz
     rate_hz: float | None = None
+    # how the file is laid out
     layout: ForeignFormat = field(default_factory=ForeignFormat)
 
 
 @dataclass(frozen=True, slots=True)
 class StaircaseReport:
-    """What was found and written; it was read back before this was made.
+    """What was found and written; it was read back before this was made."""
 
-    Parameters
-    ----------
-    out : Path
-        The new loads file.
-    stairs : Staircase
-        Plateaus and excluded samples.
-    loads : tuple of float
-        Load of each plateau, in `unit`.
-    unit : str
-        Unit of the loads.
-    n_samples : int
-        Samples of the trace.
-    """
-
+    # the new loads file
     out: Path
+    # plateaus and excluded samples
     stairs: Staircase
+    # load of each plateau, in `unit`
     loads: tuple[float, ...]
+    # unit of the loads
     unit: str
+    # samples of the trace
     n_samples: int
 
     def slope(self) -> float:

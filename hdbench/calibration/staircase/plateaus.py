@@ -32,55 +32,37 @@ _STUCK = 30
 
 @dataclass(frozen=True, slots=True)
 class Plateau:
-    """One load's readings.
+    """One load's readings."""
 
-    Parameters
-    ----------
-    start_s, end_s : float
-        Where its average begins and ends, s.
-    mean, std : float
-        Mean and standard deviation of the samples averaged, unit of the trace.
-    n : int
-        Samples averaged.
-    slope_per_s : float
-        Slope over the average, unit per s.
-    autocorrelation : float
-        Lag-1 autocorrelation of the samples averaged.
-    glitches_at_s, stuck_at_s : tuple of float
-        Times of glitches and of stuck samples between its ends, s.
-    stuck_kept : bool
-        Whether stuck samples are in the average, because more than half of the plateau stood still.
-    """
-
+    # where its average begins and ends, s
     start_s: float
     end_s: float
+    # mean and standard deviation of the samples averaged, unit of the trace
     mean: float
     std: float
+    # samples averaged
     n: int
+    # slope over the average, unit per s
     slope_per_s: float
+    # lag-1 autocorrelation of the samples averaged
     autocorrelation: float
+    # times of glitches and of stuck samples between its ends, s
     glitches_at_s: tuple[float, ...]
     stuck_at_s: tuple[float, ...]
+    # whether stuck samples are in the average, because more than half of the plateau stood still
     stuck_kept: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Staircase:
-    """All plateaus of a trace, and the samples that none may use.
+    """All plateaus of a trace, and the samples that none may use."""
 
-    Parameters
-    ----------
-    plateaus : tuple of Plateau
-        In the order of time.
-    glitches_at_s, stuck_at_s : tuple of float
-        Times of all glitches and of all stuck samples, s.
-    noise_std : float
-        Noise from sample to sample, unit of the trace.
-    """
-
+    # in the order of time
     plateaus: tuple[Plateau, ...]
+    # times of all glitches and of all stuck samples, s
     glitches_at_s: tuple[float, ...]
     stuck_at_s: tuple[float, ...]
+    # noise from sample to sample, unit of the trace
     noise_std: float
 
 

@@ -20,48 +20,32 @@ _CUBIC = 3
 
 @dataclass(frozen=True, slots=True)
 class StepQuantities:
-    """Quantities of EURAMET cg-14 for one group; volts, per step. None where not defined.
+    """Quantities of EURAMET cg-14 for one group; volts, per step. None where not defined."""
 
-    Parameters
-    ----------
-    mean_v : ndarray, shape (m,)
-        Y: mean deflection over the positions, increasing torque.
-    mean_both_v : ndarray or None
-        Y^h: mean of increasing and decreasing torque.
-    repeatability_v : ndarray or None
-        b': difference between series in one mounting.
-    reproducibility_v : ndarray or None
-        b: standard deviation over the positions.
-    range_v : ndarray or None
-        Largest less smallest over the positions, as BS 7882 and ISO 376 define it.
-    reversibility_v : ndarray or None
-        h: mean absolute difference of decreasing and increasing torque.
-    zero_v : float or None
-        f0: largest change of the zero over a series.
-    linear : float
-        Slope of the line through zero on Y, V/(N m).
-    linear_both : float or None
-        The same on Y^h.
-    cubic : ndarray or None, shape (3,)
-        Coefficients a, b, c of a T + b T^2 + c T^3 on Y.
-    n_positions, n_both : int
-        Positions behind Y; series behind h.
-    n_at : ndarray of int, shape (m,)
-        Positions that were read at each step.
-    """
-
+    # shape (m,): Y: mean deflection over the positions, increasing torque
     mean_v: FloatArray
+    # Y^h: mean of increasing and decreasing torque
     mean_both_v: FloatArray | None
+    # b': difference between series in one mounting
     repeatability_v: FloatArray | None
+    # b: standard deviation over the positions
     reproducibility_v: FloatArray | None
+    # largest less smallest over the positions, as BS 7882 and ISO 376 define it
     range_v: FloatArray | None
+    # h: mean absolute difference of decreasing and increasing torque
     reversibility_v: FloatArray | None
+    # f0: largest change of the zero over a series
     zero_v: float | None
+    # slope of the line through zero on Y, V/(N m)
     linear: float
+    # the same on Y^h
     linear_both: float | None
+    # shape (3,): Coefficients a, b, c of a T + b T^2 + c T^3 on Y
     cubic: FloatArray | None
+    # positions behind Y; series behind h
     n_positions: int
     n_both: int
+    # shape (m,): Positions that were read at each step
     n_at: NDArray[np.int64]
 
     @property
