@@ -234,7 +234,7 @@ def _waves(
     """Return a sum of sines; `factors` are the texts of their phases."""
     waves = [f"A{i} cos({factor} + phase{i})" for i, factor in enumerate(factors, 1)]
     total = " + ".join(waves)
-    linear = pair_parameters("the torque")
+    linear: tuple[Parameter, ...] = pair_parameters("the torque")
     if len(waves) > 1:
         numbers = range(1, len(waves) + 1)
         linear = tuple(p for k in numbers for p in pair_parameters(f"part {k}", f"_{k}"))
