@@ -120,8 +120,7 @@ def filtered_torque(record: MotionRecord, model: FilterModel) -> FloatArray:
     return filter_trace(
         record.trace.with_columns(torque_nm=record.torque_nm),
         model,
-        velocity_gain_rad_s_per_v=record.profile.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=record.profile.encoder.counts_per_turn,
+        record.profile,
     ).torque_filtered_nm
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from hdbench.calibration.gains import any_one_position, by_position
-from hdbench.calibration.lever import certified_row
+from hdbench.calibration.lever import budget_row
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
@@ -88,24 +88,6 @@ def combined(parts: Sequence[tuple[float, float | None]]) -> tuple[float, float 
     return math.sqrt(variance), variance**2 / loss if loss > 0.0 else None
 
 
-def relative_std(rows: Sequence[BudgetRow]) -> float:
-    """Return the root sum of squares of a budget."""
-    return math.sqrt(math.fsum(row.relative_std**2 for row in rows))
-
-
-def with_shares(rows: Sequence[BudgetRow]) -> tuple[BudgetRow, ...]:
-    """Return the rows with the share of each in the variance."""
-    total = math.fsum(row.relative_std**2 for row in rows)
-    return tuple(
-        replace(
-            row,
-            share=row.relative_std**2 / total if total > 0.0 else 0.0,
-            origin=row.origin or "not declared",
-        )
-        for row in rows
-    )
-
-
 def gain_rows(
     gain: Quantity,
     lines: tuple[ExperimentLine, ...],
@@ -134,7 +116,11 @@ def _instrument(bench: ProfileData | None) -> tuple[BudgetRow, ...]:
     stated = bench.standards.instrument
     origin = stated.certificate or stated.identity
     expanded = stated.relative_expanded_uncertainty
-    return (certified_row("reading of the bridge", "instrument", expanded, origin),)
+    return (
+        budget_row(
+            "reading of the bridge", expanded, origin, group="instrument", distribution="normal"
+        ),
+    )
 
 
 def _side_force(lines: tuple[ExperimentLine, ...], loading: str) -> tuple[BudgetRow, ...]:

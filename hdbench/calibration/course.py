@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hdbench.calibration.applied import TorqueAccount
+from hdbench.calibration.lever import TorqueAccount
 from hdbench.calibration.readings import TakenReading, flagged
 from hdbench.profile.calibrating import ShuntCheck
 from hdbench.records.loads import SequenceEntry

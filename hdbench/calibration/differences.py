@@ -118,23 +118,15 @@ def _weighted(y: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class DirectionEntry:
-    """Sensitivity of one experiment and how its torque was applied.
+    """Sensitivity of one experiment and how its torque was applied."""
 
-    Parameters
-    ----------
-    position : int
-        Number of the flexspline position.
-    direction : str
-        ``cw`` or ``ccw``.
-    sensitivity_v_per_nm : float
-        Volts per newton metre, by the experiment's line.
-    lever_per_m : float
-        Side force over torque, 1/m: 1 over the arm's length; 0 for a couple.
-    """
-
+    # number of the flexspline position
     position: int
+    # `cw` or `ccw`
     direction: str
+    # volts per newton metre, by the experiment's line
     sensitivity_v_per_nm: float
+    # side force over torque, 1/m: 1 over the arm's length; 0 for a couple
     lever_per_m: float
 
 

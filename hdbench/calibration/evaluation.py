@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.calibration.applied import TorqueAccount, apply_torque
 from hdbench.calibration.budget import (
     expanded_any_one,
     expanded_gain,
@@ -17,7 +16,6 @@ from hdbench.calibration.budget import (
     expanded_uncertainty,
     gain_rows,
     propagate,
-    with_shares,
 )
 from hdbench.calibration.course import (
     course_of,
@@ -45,6 +43,7 @@ from hdbench.calibration.gains import (
     shared_dof,
     vangel_interval,
 )
+from hdbench.calibration.lever import TorqueAccount, apply_torque, with_shares
 from hdbench.calibration.lines import fit_experiment, loading_loops
 from hdbench.calibration.readings import TakenReading, reading_resolution, taken_readings
 from hdbench.calibration.stepwise.evaluation import CLASSES, evaluate_group, overall_class

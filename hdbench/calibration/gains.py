@@ -282,11 +282,9 @@ def one_way(groups: Sequence[Sequence[float]]) -> PositionVariance | None:
     p, n = len(groups), sum(len(g) for g in groups)
     if p < 2 or n <= p:
         return None
-    arrays = [np.asarray(g, dtype=float) for g in groups]
-    total = float(np.concatenate(arrays).mean())
-    between = math.fsum(len(a) * (float(a.mean()) - total) ** 2 for a in arrays) / (p - 1)
-    within = math.fsum(float(((a - a.mean()) ** 2).sum()) for a in arrays) / (n - p)
-    q = (n - sum(len(a) ** 2 for a in arrays) / n) / (p - 1)
+    of_positions, inside = _sums_of_squares(groups)
+    between, within = of_positions / (p - 1), inside / (n - p)
+    q = (n - sum(len(g) ** 2 for g in groups) / n) / (p - 1)
     place = max(0.0, (between - within) / q)
     ratio = between / within if within > 0.0 else None
     variance = place + within
@@ -311,6 +309,14 @@ def _tail(first: int, second: int, ratio: float) -> float:
     from scipy.special import fdtrc
 
     return float(fdtrc(first, second, ratio))
+
+
+def _sums_of_squares(groups: Sequence[Sequence[float]]) -> tuple[float, float]:
+    """Return the sum of squares between positions, and within them."""
+    arrays = [np.asarray(g, dtype=float) for g in groups]
+    total = float(np.concatenate(arrays).mean())
+    between = math.fsum(len(a) * (float(a.mean()) - total) ** 2 for a in arrays)
+    return between, math.fsum(float(((a - a.mean()) ** 2).sum()) for a in arrays)
 
 
 def any_one_position(found: PositionVariance) -> tuple[float, float]:
@@ -343,14 +349,9 @@ def shared_dof(lines: tuple[ExperimentLine, ...]) -> float:
     .. [1] F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110, doi:10.2307/3002019.
     """
     groups = by_position(lines)
-    gains = [np.array([x.gain_nm_per_v for x in group]) for group in groups]
-    total = float(np.concatenate(gains).mean())
-    between = math.fsum(len(g) * (float(g.mean()) - total) ** 2 for g in gains)
-    within = math.fsum(float(((g - g.mean()) ** 2).sum()) for g in gains)
-    n_between, n_within = len(groups) - 1, len(lines) - len(groups)
-    loss = (between**2 / n_between if n_between else 0.0) + (
-        within**2 / n_within if n_within else 0.0
-    )
+    between, within = _sums_of_squares([[x.gain_nm_per_v for x in group] for group in groups])
+    parts = ((between, len(groups) - 1), (within, len(lines) - len(groups)))
+    loss = sum(square**2 / dof for square, dof in parts if dof)
     # no spread at all: every gain the same, dof as for independent gains
     return (between + within) ** 2 / loss if loss > 0.0 else float(len(lines) - 1)
 
@@ -375,11 +376,16 @@ def consistency_interval(consistency: float, dof: float) -> tuple[float, float]:
     ``C sqrt(dof / chi2(1 - tail, dof))`` to ``C sqrt(dof / chi2(tail, dof))``: the mean counts as
     known, which changes the ends by shares of C^2.
     """
+    high, low = _chi_square_ends(dof)
+    return consistency * math.sqrt(dof / high), consistency * math.sqrt(dof / low)
+
+
+def _chi_square_ends(dof: float) -> tuple[float, float]:
+    """Return the upper and the lower quantile of chi-square that hold 95 %."""
     from scipy.special import chdtri
 
     # chdtri takes the probability above the quantile
-    high, low = float(chdtri(dof, _TAIL)), float(chdtri(dof, 1.0 - _TAIL))
-    return consistency * math.sqrt(dof / high), consistency * math.sqrt(dof / low)
+    return float(chdtri(dof, _TAIL)), float(chdtri(dof, 1.0 - _TAIL))
 
 
 def vangel_interval(consistency: float, dof: float) -> tuple[float, float | None]:
@@ -394,12 +400,9 @@ def vangel_interval(consistency: float, dof: float) -> tuple[float, float | None
     ----------
     .. [1] M. G. Vangel, Am. Stat. 50 (1996) 21, doi:10.1080/00031305.1996.10473537.
     """
-    from scipy.special import chdtri
-
     n = dof + 1.0
     ends: list[float | None] = []
-    # chdtri takes the probability above the quantile
-    for u in (float(chdtri(dof, _TAIL)), float(chdtri(dof, 1.0 - _TAIL))):
+    for u in _chi_square_ends(dof):
         square = ((u + 2.0) / n - 1.0) * consistency**2 + u / dof
         ends.append(consistency / math.sqrt(square) if square > 0.0 else None)
     low, high = ends
@@ -408,18 +411,11 @@ def vangel_interval(consistency: float, dof: float) -> tuple[float, float | None
 
 @dataclass(frozen=True, slots=True)
 class Extreme:
-    """One value that stands off.
-
-    Parameters
-    ----------
-    index : int
-        Its place.
-    statistic, limit : float
-        Distance from the mean over the standard deviation, without the values that stand further
-        off; what chance allows.
-    """
+    """One value that stands off."""
 
     index: int
+    # distance from the mean over the standard deviation, without the values that stand further off;
+    # what chance allows
     statistic: float
     limit: float
 
@@ -478,21 +474,14 @@ def extreme_values(values: Sequence[float]) -> tuple[Extreme, ...]:
 
 @dataclass(frozen=True, slots=True)
 class GainOutlier:
-    """Gains that stand off.
+    """Gains that stand off."""
 
-    Parameters
-    ----------
-    kind : str
-        ``gain``: one experiment among others at its position, or one of all where each position
-        has one; ``position``: all experiments of a position.
-    places : tuple of int
-        Places of the experiments.
-    statistic, limit : float
-        Distance over the standard deviation; what chance allows.
-    """
-
+    # `gain`: one experiment among others at its position, or one of all where each position has
+    # one; `position`: all experiments of a position
     kind: str
+    # places of the experiments
     places: tuple[int, ...]
+    # distance over the standard deviation; what chance allows
     statistic: float
     limit: float
 

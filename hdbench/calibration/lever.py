@@ -1,13 +1,15 @@
-"""Torque of weights on an arm: air, force, length, tilt, hanging point, and their limits."""
+"""Torque of weights on an arm: corrections, uncertainties, and the torque of every reading."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+from hdbench.calibration.readings import TakenReading
 from hdbench.profile.calibrating import Arm, MassStandard, Standards, TorqueStandard
-from hdbench.results.calibration import BudgetRow, Correction
+from hdbench.profile.schema import ProfileData
+from hdbench.results.calibration import AppliedTorqueAccount, BudgetRow, Correction
 
 # conventional mass: balance in air of 1.2 kg/m^3 with weights of 8000 kg/m^3 (OIML D 28, R 111-1)
 CONVENTIONAL_AIR_KG_M3 = 1.2
@@ -19,19 +21,13 @@ _TURNS = 20
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What may differ from reading to reading.
+    """What may differ from reading to reading."""
 
-    Parameters
-    ----------
-    temperature_c, pressure_hpa, humidity_percent : float or None
-        Air and arm at the reading; None where not told.
-    arm_length_m : float or None
-        Another arm than the profile's, m.
-    """
-
+    # air and arm at the reading; None where not told
     temperature_c: float | None = None
     pressure_hpa: float | None = None
     humidity_percent: float | None = None
+    # another arm than the profile's, m
     arm_length_m: float | None = None
 
 
@@ -76,27 +72,18 @@ def buoyancy_factors(
 
 @dataclass(frozen=True, slots=True)
 class AppliedTorque:
-    """Torque of one load, with every correction.
+    """Torque of one load, with every correction."""
 
-    Parameters
-    ----------
-    torque_nm : float
-        Applied torque, N m, at least 0.
-    nominal_nm : float
-        Mass times local gravity times length, N m.
-    tilt_rad : float
-        Downward tilt of the arm under this load, rad.
-    length_m, offset_m : float
-        Length and hang-point offset used, m.
-    corrections : tuple of Correction
-        In the order in which they were made.
-    """
-
+    # applied torque, N m, at least 0
     torque_nm: float
+    # mass times local gravity times length, N m
     nominal_nm: float
+    # downward tilt of the arm under this load, rad
     tilt_rad: float
+    # length and hang-point offset used, m
     length_m: float
     offset_m: float
+    # in the order in which they were made
     corrections: tuple[Correction, ...]
 
 
@@ -213,7 +200,8 @@ def _correction(name: str, relative: float, made: bool, detail: str) -> Correcti
 _CLASSES = {"E2": 1.6e-6, "F1": 5e-6, "F2": 1.6e-5, "M1": 5e-5, "M2": 1.6e-4, "M3": 5e-4}
 # local anomalies of gravity seldom exceed this share of it
 _GRAVITY_ANOMALY = 50e-6
-_Distribution = Literal["rectangular", "in full"]
+# what makes a half width a standard uncertainty; of a certificate the expanded one, k = 2
+_DIVISORS = {"rectangular": math.sqrt(3.0), "normal": 2.0, "in full": 1.0}
 
 
 def _mass_limits(mass: MassStandard) -> float | None:
@@ -235,87 +223,61 @@ def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tu
     tilt, length, offset = applied.tilt_rad, applied.length_m, applied.offset_m
     lever = length * math.cos(tilt) - offset * math.sin(tilt)
     by_tilt = (length * math.sin(tilt) + offset * math.cos(tilt)) / lever
-    density, limits = standards.mass.density_kg_m3, _mass_limits(standards.mass)
+    by_offset = abs(math.sin(tilt)) / lever
+    density, expansion = standards.mass.density_kg_m3, arm.thermal_expansion_per_k
     air = None if arm.air_density_kg_m3 is None else arm.air_density_half_width_kg_m3
-    expansion = arm.thermal_expansion_per_k
+    warmth = None if expansion is None else arm.temperature_half_width_k
     cant = None if arm.cant_half_width_rad is None else 1.0 - math.cos(arm.cant_half_width_rad)
+    measured = standards.length
+    of_profile = (
+        ("air density", air, "kg/m^3", 1.0 / density, "rectangular"),
+        ("arm temperature", warmth, "K", expansion or 0.0, "rectangular"),
+        ("arm tilt", arm.tilt_half_width_rad, "rad", abs(by_tilt), "rectangular"),
+        ("hang-point offset", arm.hang_offset_half_width_m, "m", by_offset, "rectangular"),
+        ("cant of the arm", cant, "1", 1.0, "in full"),
+    )
     return (
-        _row("mass of the weights", limits, "1", 1.0, standards.mass.certificate),
-        _row(
-            "arm length",
-            standards.length.half_width_m,
-            "m",
-            1.0 / length,
-            standards.length.certificate,
-        ),
+        budget_row("mass of the weights", _mass_limits(standards.mass), standards.mass.certificate),
+        budget_row("arm length", measured.half_width_m, measured.certificate, "m", 1.0 / length),
         _gravity(arm),
-        _row("air density", air, "kg/m^3", 1.0 / density, _told(air)),
-        _row(
-            "arm temperature",
-            None if expansion is None else arm.temperature_half_width_k,
-            "K",
-            expansion or 0.0,
-            _told(arm.temperature_half_width_k),
+        *(
+            budget_row(
+                name, half, "" if half is None else "profile", unit, slope, distribution=kind
+            )
+            for name, half, unit, slope, kind in of_profile
         ),
-        _row(
-            "arm tilt", arm.tilt_half_width_rad, "rad", abs(by_tilt), _told(arm.tilt_half_width_rad)
-        ),
-        _row(
-            "hang-point offset",
-            arm.hang_offset_half_width_m,
-            "m",
-            abs(math.sin(tilt)) / lever,
-            _told(arm.hang_offset_half_width_m),
-        ),
-        _row("cant of the arm", cant, "1", 1.0, _told(cant), distribution="in full"),
     )
 
 
 def given_sources(standard: TorqueStandard) -> tuple[BudgetRow, ...]:
     """Return the uncertainty of torques that a reference sensor measured."""
     expanded = standard.relative_expanded_uncertainty
-    return (certified_row("reference torque", "applied torque", expanded, standard.certificate),)
-
-
-def certified_row(name: str, group: str, expanded: float | None, origin: str) -> BudgetRow:
-    """Return the row of a certificate that states a relative expanded uncertainty, k = 2."""
-    return BudgetRow(
-        name=name,
-        group=group,
-        half_width=expanded,
-        distribution="normal",
-        divisor=2.0,
-        relative_std=0.0 if expanded is None else expanded / 2.0,
-        declared=expanded is not None,
-        origin=origin,
-    )
-
-
-def _told(half_width: float | None) -> str:
-    """Return the origin of what no certificate states."""
-    return "" if half_width is None else "profile"
+    return (budget_row("reference torque", expanded, standard.certificate, distribution="normal"),)
 
 
 def _gravity(arm: Arm) -> BudgetRow:
     half_width = arm.gravity_half_width_m_s2
     if half_width is None and arm.gravity_source != "given":
         half_width = _GRAVITY_ANOMALY * arm.gravity_m_s2
-    return _row("local gravity", half_width, "m/s^2", 1.0 / arm.gravity_m_s2, arm.gravity_source)
+    slope = 1.0 / arm.gravity_m_s2
+    return budget_row("local gravity", half_width, arm.gravity_source, "m/s^2", slope)
 
 
-def _row(
+def budget_row(
     name: str,
     half_width: float | None,
-    unit: str,
-    sensitivity: float,
-    origin: str = "",
+    origin: str,
+    unit: str = "1",
+    sensitivity: float = 1.0,
     *,
-    distribution: _Distribution = "rectangular",
+    group: str = "applied torque",
+    distribution: str = "rectangular",
 ) -> BudgetRow:
-    divisor = 1.0 if distribution == "in full" else math.sqrt(3.0)
+    """Return a source by its half width; normal: by its expanded uncertainty, k = 2."""
+    divisor = _DIVISORS[distribution]
     return BudgetRow(
         name=name,
-        group="applied torque",
+        group=group,
         half_width=half_width,
         unit=unit,
         distribution=distribution,
@@ -324,4 +286,149 @@ def _row(
         relative_std=0.0 if half_width is None else half_width / divisor * sensitivity,
         declared=half_width is not None,
         origin=origin,
+    )
+
+
+def relative_std(rows: Sequence[BudgetRow]) -> float:
+    """Return the root sum of squares of a budget."""
+    return math.sqrt(math.fsum(row.relative_std**2 for row in rows))
+
+
+def with_shares(rows: Sequence[BudgetRow]) -> tuple[BudgetRow, ...]:
+    """Return the rows with the share of each in the variance."""
+    total = math.fsum(row.relative_std**2 for row in rows)
+    return tuple(
+        replace(
+            row,
+            share=row.relative_std**2 / total if total > 0.0 else 0.0,
+            origin=row.origin or "not declared",
+        )
+        for row in rows
+    )
+
+
+# a stated torque this close to mass times gravity times length was made of these three: a file with
+# ten digits keeps them to 1e-10, one correction that is worth making is larger
+_SAME_TORQUE = 1e-9
+
+# source of uncertainty of a correction, where it has another name
+_SOURCE = {"certified mass": "mass of the weights", "air buoyancy": "air density"}
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueAccount:
+    """Where the applied torques come from and what they are uncertain by."""
+
+    # `masses`, `given` or `mixed`
+    source: str
+    # the largest load that was made of a mass, with its corrections
+    largest: AppliedTorque | None
+    # relative uncertainties at that load, common to all readings
+    rows: tuple[BudgetRow, ...]
+    # local gravity and where it comes from
+    gravity_m_s2: float
+    gravity_source: str
+    # applied torque, N m, and its relative standard uncertainty, for each load made of a mass
+    relative_at: tuple[tuple[float, float], ...]
+    # readings with a mass whose torque is stated and is not mass times gravity times length
+    n_stated: int = 0
+
+    def relative_std_at(self, torque_nm: float) -> float:
+        """Return the relative standard uncertainty at the load nearest to a torque."""
+        if not self.relative_at:
+            return relative_std(self.rows)
+        size = abs(torque_nm)
+        return min(self.relative_at, key=lambda entry: abs(entry[0] - size))[1]
+
+    def record(self) -> AppliedTorqueAccount:
+        """Return the account as results hold it."""
+        largest = self.largest
+        return AppliedTorqueAccount(
+            source=self.source,
+            gravity_m_s2=self.gravity_m_s2,
+            gravity_source=self.gravity_source,
+            gravity_over_standard=self.gravity_m_s2 / STANDARD_GRAVITY - 1.0,
+            largest_nm=None if largest is None else largest.torque_nm,
+            largest_nominal_nm=None if largest is None else largest.nominal_nm,
+            tilt_rad=None if largest is None else largest.tilt_rad,
+            corrections=() if largest is None else self._corrections(largest),
+            relative_std=relative_std(self.rows),
+            budget=with_shares(self.rows),
+            not_declared=tuple(row.name for row in self.rows if not row.declared),
+        )
+
+    def _corrections(self, largest: AppliedTorque) -> tuple[Correction, ...]:
+        """Return every correction with what it adds to the uncertainty of the applied torque."""
+        gravity = Correction(
+            name="local gravity",
+            relative=self.gravity_m_s2 / STANDARD_GRAVITY - 1.0,
+            made=True,
+            detail=f"{self.gravity_m_s2:.6f} m/s^2 ({self.gravity_source}) "
+            f"over {STANDARD_GRAVITY:g}",
+        )
+        shares = {row.name: row.share for row in with_shares(self.rows) if row.declared}
+        return tuple(
+            replace(c, uncertainty_share=shares.get(_SOURCE.get(c.name, c.name)))
+            for c in (gravity, *largest.corrections)
+        )
+
+
+def apply_torque(
+    readings: Sequence[TakenReading], bench: ProfileData
+) -> tuple[tuple[TakenReading, ...], TorqueAccount]:
+    """Give every reading that was loaded by a mass the torque of that mass.
+
+    Notes
+    -----
+    A torque that the file states and that is not mass times gravity times length of the arm was
+    measured or worked out by somebody: it stays as it is.
+    """
+    out: list[TakenReading] = []
+    made: list[AppliedTorque] = []
+    for taken in readings:
+        applied = _of_mass(taken, bench)
+        if applied is None:
+            out.append(taken)
+            continue
+        made.append(applied)
+        sign = 1.0 if taken.reading.direction == "cw" else -1.0
+        torque = sign * applied.torque_nm
+        out.append(replace(taken, reading=replace(taken.reading, torque_nm=torque)))
+    stated = sum(t.reading.mass_kg is not None for t in readings) - len(made)
+    return tuple(out), replace(_account(made, len(readings), bench), n_stated=stated)
+
+
+def _of_mass(taken: TakenReading, bench: ProfileData) -> AppliedTorque | None:
+    reading, detail, arm = taken.reading, taken.detail, bench.arm
+    if reading.mass_kg is None:
+        return None
+    lengths = {arm.length_m, detail.arm_length_m or arm.length_m}
+    nominal = [reading.mass_kg * arm.gravity_m_s2 * length for length in lengths]
+    stated = abs(reading.torque_nm)
+    if not any(abs(stated - torque) <= _SAME_TORQUE * torque for torque in nominal):
+        return None
+    conditions = Conditions(
+        reading.temperature_c, detail.pressure_hpa, detail.humidity_percent, detail.arm_length_m
+    )
+    return applied_torque(reading.mass_kg, arm, bench.standards.mass, conditions)
+
+
+def _account(made: list[AppliedTorque], n_readings: int, bench: ProfileData) -> TorqueAccount:
+    arm = bench.arm
+    if not made:
+        rows = given_sources(bench.standards.torque)
+        return TorqueAccount("given", None, rows, arm.gravity_m_s2, arm.gravity_source, ())
+    largest = max(made, key=lambda applied: applied.torque_nm)
+    relative = {
+        applied.torque_nm: relative_std(torque_sources(applied, arm, bench.standards))
+        for applied in made
+        if applied.torque_nm > 0.0
+    }
+    return TorqueAccount(
+        "masses" if len(made) == n_readings else "mixed",
+        largest,
+        torque_sources(largest, arm, bench.standards),
+        arm.gravity_m_s2,
+        arm.gravity_source,
+        tuple(sorted(relative.items())),
     )

@@ -55,18 +55,9 @@ _OPTIONAL_COLUMNS = frozenset(field.name for field in fields(ReadingDetail))
 
 @dataclass(frozen=True, slots=True)
 class TakenReading:
-    """A reading with its place in the file and its optional columns.
+    """A reading with its place in the file and its optional columns."""
 
-    Parameters
-    ----------
-    index : int
-        Place in the loads, from 0.
-    reading : LoadReading
-        The reading.
-    detail : ReadingDetail
-        Its optional columns.
-    """
-
+    # place in the loads, from 0
     index: int
     reading: LoadReading
     detail: ReadingDetail

@@ -116,21 +116,14 @@ _NORMAL_95 = 1.959963984540054
 
 @dataclass(frozen=True, slots=True)
 class Harmonic:
-    """One component ``amplitude * cos(order * angle + phase)``.
+    """One component ``amplitude * cos(order * angle + phase)``."""
 
-    Parameters
-    ----------
-    amplitude : Quantity
-        Amplitude, unit of the response, at least 0.
-    phase : Quantity
-        Phase, rad, in (-pi, pi].
-    small : bool
-        True where the amplitude is below three of its standard uncertainties: then it is biased
-        upwards (Rice distribution), and the phase is hardly known.
-    """
-
+    # amplitude, unit of the response, at least 0
     amplitude: Quantity
+    # phase, rad, in (-pi, pi]
     phase: Quantity
+    # true where the amplitude is below three of its standard uncertainties: then it is biased
+    # upwards (Rice distribution), and the phase is hardly known
     small: bool
 
 

@@ -17,23 +17,18 @@ MAX_AR_ORDER = 30
 class NoiseModel:
     """Noise as an autoregression driven by white noise.
 
-    Parameters
-    ----------
-    predictors : tuple of ndarray
-        Entry j, of shape (j,), predicts a sample from the j samples before it, newest first.
-        The last entry is the model; the lower ones start a record without losing samples.
-    stds : ndarray, shape (order + 1,)
-        Standard deviation of the error of each predictor, unit of the noise, above zero.
-    n_samples : int
-        Samples that the model was fitted to.
-
     Notes
     -----
     ``e(k) = sum_i a_i e(k - i) + w(k)``, w white with standard deviation ``innovation_std``.
     """
 
+    # entry j, of shape (j,), predicts a sample from the j samples before it, newest first. The last
+    # entry is the model; the lower ones start a record without losing samples
     predictors: tuple[FloatArray, ...]
+    # shape (order + 1,): Standard deviation of the error of each predictor, unit of the noise,
+    # above zero
     stds: FloatArray
+    # samples that the model was fitted to
     n_samples: int
 
     @property
@@ -267,29 +262,19 @@ _ROUNDS = 2
 
 @dataclass(frozen=True, slots=True)
 class LinearFit:
-    """Coefficients of ``response = design @ coefficients + noise``.
+    """Coefficients of ``response = design @ coefficients + noise``."""
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (k,)
-        Estimates, unit of the response over that of each column.
-    covariance : ndarray, shape (k, k)
-        Their covariance.
-    dof : float
-        Effective degrees of freedom of the covariance, at least 1.
-    residual : ndarray, shape (n,)
-        Response minus fit; NaN where not used.
-    used : ndarray of bool, shape (n,)
-        Samples that entered.
-    noise : NoiseModel or None
-        Noise model of a coloured fit.
-    """
-
+    # shape (k,): Estimates, unit of the response over that of each column
     coefficients: FloatArray
+    # shape (k, k): Their covariance
     covariance: FloatArray
+    # effective degrees of freedom of the covariance, at least 1
     dof: float
+    # shape (n,): Response minus fit; NaN where not used
     residual: FloatArray
+    # shape (n,): Samples that entered
     used: NDArray[np.bool_]
+    # noise model of a coloured fit
     noise: NoiseModel | None = None
 
     @property

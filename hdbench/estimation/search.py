@@ -27,30 +27,20 @@ Domain = Literal["motor-order", "frequency"]
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A sinusoid in a residual.
+    """A sinusoid in a residual."""
 
-    Parameters
-    ----------
-    domain : {'motor-order', 'frequency'}
-        What it is locked to.
-    location : float
-        Cycles per motor turn, or Hz.
-    power : float
-        Periodogram value of the whitened residual, exponential with mean 1 under noise.
-    false_alarm_probability : float
-        Chance that noise alone shows a line as strong anywhere in the range searched.
-    component : Harmonic or None
-        Amplitude and phase from the joint regression, once fitted.
-    equivalent : float or None
-        Location in the other domain, where the record cannot tell the two apart (their
-        likelihoods are within 3 nats, as at constant velocity); else None.
-    """
-
+    # what it is locked to
     domain: Domain
+    # cycles per motor turn, or Hz
     location: float
+    # periodogram value of the whitened residual, exponential with mean 1 under noise
     power: float
+    # chance that noise alone shows a line as strong anywhere in the range searched
     false_alarm_probability: float
+    # amplitude and phase from the joint regression, once fitted
     component: Harmonic | None = None
+    # location in the other domain, where the record cannot tell the two apart (their likelihoods
+    # are within 3 nats, as at constant velocity); else None
     equivalent: float | None = None
 
 
@@ -274,20 +264,13 @@ _LINE_WIDTH = 3.0
 
 @dataclass(frozen=True, slots=True)
 class LineFit:
-    """A regression with the lines that its residual showed.
+    """A regression with the lines that its residual showed."""
 
-    Parameters
-    ----------
-    fit : LinearFit
-        Joint fit; the first columns are those asked for, then two per line.
-    lines : tuple of Line
-        Lines found, in the order found.
-    design : ndarray, shape (n, k + 2 m)
-        Columns of the fit: those asked for, then cosine and sine of each line.
-    """
-
+    # joint fit; the first columns are those asked for, then two per line
     fit: LinearFit
+    # lines found, in the order found
     lines: tuple[Line, ...]
+    # shape (n, k + 2 m): Columns of the fit: those asked for, then cosine and sine of each line
     design: FloatArray
 
 
@@ -404,8 +387,18 @@ def _unwhitened(
     backward, forward = np.percentile(np.diff(turns), (5.0, 95.0))
     if not backward < 0.0 < forward:
         return []
-    taken_orders, taken_tones = _taken(turns, time_s, _rate(turns, time_s), orders, lines)
-    white = fit.residual[fit.used] / fit.rms
+    return _strongest(fit.residual[fit.used] / fit.rms, turns, time_s, orders, lines)
+
+
+def _strongest(
+    white: FloatArray,
+    turns: FloatArray,
+    time_s: FloatArray,
+    orders: tuple[float, ...],
+    lines: list[Line],
+) -> list[Line]:
+    """Return the strongest line of each domain that is not known yet."""
+    taken_orders, taken_tones = _taken(turns, time_s, orders, lines)
     candidates = (
         strongest_line(white, turns, "motor-order", taken=taken_orders),
         strongest_line(white, time_s, "frequency", taken=taken_tones),
@@ -428,13 +421,7 @@ def _next_line(
     lines: list[Line],
 ) -> Line | None:
     """Return the strongest line that is not known yet, or None where noise alone shows as much."""
-    rate = _rate(turns, time_s)
-    taken_orders, taken_tones = _taken(turns, time_s, rate, orders, lines)
-    candidates = [
-        strongest_line(white, turns, "motor-order", taken=taken_orders),
-        strongest_line(white, time_s, "frequency", taken=taken_tones),
-    ]
-    found = [line for line in candidates if line is not None]
+    found = _strongest(white, turns, time_s, orders, lines)
     if not found:
         return None
     best = max(found, key=lambda line: line.power)
@@ -444,9 +431,7 @@ def _next_line(
     # with both domains alike the motor is named first: that is what turns on this bench
     chosen = next(x for x in found if x.power > best.power - _UNDECIDED_NATS)
     other = next((x for x in found if x is not chosen), None)
-    same = other is not None and _same_line(
-        chosen, other, float(np.median(rate)), float(np.ptp(time_s))
-    )
+    same = other is not None and _same_line(chosen, other, turns, time_s)
     return replace(
         chosen,
         false_alarm_probability=probability,
@@ -462,32 +447,25 @@ def _rate(turns: FloatArray, time_s: FloatArray) -> FloatArray:
 
 
 def _taken(
-    turns: FloatArray,
-    time_s: FloatArray,
-    rate: FloatArray,
-    orders: tuple[float, ...],
-    lines: list[Line],
+    turns: FloatArray, time_s: FloatArray, orders: tuple[float, ...], lines: list[Line]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return orders and frequencies at which nothing new can be named."""
     at_orders = orders + tuple(x.location for x in lines if x.domain == "motor-order")
     at_tones = tuple(x.location for x in lines if x.domain == "frequency")
-    slow, fast = (float(q) for q in np.percentile(rate, (5.0, 95.0)))
+    slow, fast = (float(q) for q in np.percentile(_rate(turns, time_s), (5.0, 95.0)))
     also_tones = _seen_as(at_orders, slow, fast, float(np.ptp(time_s)))
     # a motor at rest turns a tone into no order at all
     also_orders = _seen_as(at_tones, 1.0 / fast, 1.0 / slow, float(np.ptp(turns))) if slow else ()
     return at_orders + also_orders, at_tones + also_tones
 
 
-def _same_line(one: Line, other: Line, turns_per_s: float, duration_s: float) -> bool:
+def _same_line(one: Line, other: Line, turns: FloatArray, time_s: FloatArray) -> bool:
     """Say whether an order and a frequency are one line at this speed, and equally likely."""
     if not other.power > one.power - _UNDECIDED_NATS:
         return False
-    order, tone = (
-        (one.location, other.location)
-        if one.domain == "motor-order"
-        else (other.location, one.location)
-    )
-    return abs(order * turns_per_s - tone) * duration_s < NEIGHBOUR_RESOLUTIONS
+    order, tone = (one, other) if one.domain == "motor-order" else (other, one)
+    apart = order.location * float(np.median(_rate(turns, time_s))) - tone.location
+    return abs(apart) * float(np.ptp(time_s)) < NEIGHBOUR_RESOLUTIONS
 
 
 def _seen_as(places: tuple[float, ...], slow: float, fast: float, span: float) -> tuple[float, ...]:

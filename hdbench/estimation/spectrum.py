@@ -26,23 +26,15 @@ _FALSE_ALARM = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """One-sided amplitude spectrum of an evenly sampled stretch.
+    """One-sided amplitude spectrum of an evenly sampled stretch."""
 
-    Parameters
-    ----------
-    frequency_hz : ndarray, shape (m,)
-        Frequencies, Hz, from 0 to half the sampling rate.
-    amplitude : ndarray, shape (m,)
-        Amplitude of a sinusoid at that frequency, unit of the signal.
-    power_density : ndarray, shape (m,)
-        One-sided power spectral density, unit of the signal squared per Hz.
-    resolution_hz : float
-        One over the length of the stretch, Hz; the grid is finer by zero padding.
-    """
-
+    # shape (m,): Frequencies, Hz, from 0 to half the sampling rate
     frequency_hz: FloatArray
+    # shape (m,): Amplitude of a sinusoid at that frequency, unit of the signal
     amplitude: FloatArray
+    # shape (m,): One-sided power spectral density, unit of the signal squared per Hz
     power_density: FloatArray
+    # one over the length of the stretch, Hz; the grid is finer by zero padding
     resolution_hz: float
 
 

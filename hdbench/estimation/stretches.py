@@ -57,6 +57,12 @@ def torque_channel(trace: Trace, scale: TorqueScale) -> FloatArray:
     )
 
 
+def true_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and past-last place of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    return [(first, last) for first, last in edges.reshape(-1, 2).tolist()]
+
+
 def stretch_starts(time_s: FloatArray) -> NDArray[np.bool_]:
     """Return where a sample does not follow its predecessor in time.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,17 +25,11 @@ class Contender:
     """One way to get the torque, judged on the settled part of the record."""
 
     name: str
-    torque_nm: FloatArray
     suppression_db: Mapping[str, float | None]  # of each block, at most 120 dB
     torque_kept: float | None  # slope on the reference; None where that hardly varies
     delay_s: float | None  # lag behind the reference
     noise_nm: float  # from sample to sample: third differences over root 20
     error_rms_nm: float
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the row as results store it, without the curve."""
-        names = (item.name for item in fields(self) if item.name != "torque_nm")
-        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +39,14 @@ class Comparison:
     reference: str  # truth or smoothed
     from_s: float
     contenders: tuple[Contender, ...]
+    torque_nm: Mapping[str, FloatArray]  # of each contender
 
     def to_dict(self) -> dict[str, object]:
         """Return the comparison as results store it."""
         return {
             "reference": self.reference,
             "from_s": self.from_s,
-            "rows": [row.to_dict() for row in self.contenders],
+            "rows": [asdict(row) for row in self.contenders],
         }
 
 
@@ -151,18 +146,23 @@ def compare_filters(
         _judge(name, output, (reference, slow), (columns, before), judged, time=time)
         for name, output in outputs.items()
     ]
-    return Comparison("smoothed" if truth_nm is None else "truth", float(start), tuple(rows))
+    kind = "smoothed" if truth_nm is None else "truth"
+    return Comparison(kind, float(start), tuple(rows), outputs)
 
 
 def _slow_part(torque: FloatArray, time: FloatArray, lowpass: tuple[float, int]) -> FloatArray:
     """Low-pass forwards and backwards, so that nothing is delayed; missing samples hold."""
     from scipy.signal import butter, sosfiltfilt
 
-    known = np.isfinite(torque)
-    last = np.maximum.accumulate(np.where(known, np.arange(known.size), int(np.argmax(known))))
     rate = 1.0 / float(np.median(np.diff(time)))
     sections = butter(lowpass[1], lowpass[0], fs=rate, output="sos")
-    return np.asarray(sosfiltfilt(sections, torque[last]), dtype=np.float64)
+    return np.asarray(sosfiltfilt(sections, _held(torque)), dtype=np.float64)
+
+
+def _held(values: FloatArray) -> FloatArray:
+    """Return the values with the last one in the place of each that is missing."""
+    known = np.isfinite(values)
+    return values[np.maximum.accumulate(np.where(known, np.arange(known.size), np.argmax(known)))]
 
 
 def _lowpassed(channels: Channels, lowpass: tuple[float, int]) -> FloatArray:
@@ -170,9 +170,8 @@ def _lowpassed(channels: Channels, lowpass: tuple[float, int]) -> FloatArray:
     known = np.isfinite(channels.torque_nm)
     if not known.any():
         raise DataError("no sample has a torque", where=channels.source, fix="record the torque")
-    last = np.maximum.accumulate(np.where(known, np.arange(known.size), int(np.argmax(known))))
     period = float(np.median(np.diff(channels.time_s)))
-    held = channels.torque_nm[last]
+    held = _held(channels.torque_nm)
     low = butterworth_lowpass(held, sample_period_s=period, cutoff_hz=lowpass[0], order=lowpass[1])
     return np.where(known, low, np.nan)
 
@@ -220,7 +219,7 @@ def _judge(
     kept, delay = _followed(output, slow, judged, time, noise)
     error = (output - reference)[judged]
     rms = float(np.sqrt(np.mean(np.square(error))))
-    return Contender(name, output, suppression, kept, delay, noise, rms)
+    return Contender(name, suppression, kept, delay, noise, rms)
 
 
 def _followed(

@@ -217,13 +217,8 @@ def pack(model: FilterModel) -> FloatArray:
 
 def _slow_row(block: SlowBlock, prior: float) -> tuple[float, ...]:
     kind = 1.0 + get_args(SlowKind).index(block.kind)
-    natural, rate, damped, first, second = (
-        2.0 * math.pi * block.frequency_hz,
-        0.0,
-        0.0,
-        prior,
-        prior,
-    )
+    natural, rate, damped = 2.0 * math.pi * block.frequency_hz, 0.0, 0.0
+    first = second = prior
     if block.stationary:
         rate = 1.0 / block.time_constant_s
         # the stationary covariance of torque and slope

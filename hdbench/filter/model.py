@@ -6,9 +6,9 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from hdbench.errors import DataError
 
@@ -26,6 +26,9 @@ SlowKind = Literal[
 _WALKS = ("random-walk", "integrated-random-walk")
 _LIMITS = ("order_prior_std_nm", "slow_prior_std_nm", "gate_sigma", "torque_limit_nm")
 _STRICT = ConfigDict(extra="forbid", strict=True)
+# files leave out what is not set
+_ABSENT = Field(exclude_if=lambda value: not value)
+_Set = Annotated[float, _ABSENT]
 
 
 def _positive(name: str, value: float) -> None:
@@ -65,8 +68,8 @@ class OscillatorBlock:
     order: float
     role: Role
     process_noise: float
-    noise_per: NoisePer = "sample"
-    frequency_hz: float = 0.0
+    noise_per: Annotated[NoisePer, Field(exclude_if=lambda unit: unit == "sample")] = "sample"
+    frequency_hz: _Set = 0.0
 
     __pydantic_config__ = _STRICT
 
@@ -118,10 +121,10 @@ class SlowBlock:
     """
 
     kind: SlowKind
-    noise_per_s: float = 0.0
-    variance: float = 0.0
-    time_constant_s: float = 0.0
-    frequency_hz: float = 0.0
+    noise_per_s: _Set = 0.0
+    variance: _Set = 0.0
+    time_constant_s: _Set = 0.0
+    frequency_hz: _Set = 0.0
 
     __pydantic_config__ = _STRICT
 
@@ -178,10 +181,10 @@ class FilterModel:
         T of the differentiator s / (T s + 1), s, > 0.
     use_measured_angle : bool
         Whether blocks turn with a measured motor angle where there is one, else with the velocity.
-    provenance : mapping of str to str
-        For each number or group of numbers, where it came from.
     torque_gain_nm_per_v : float or None
         Calibrated torque per volt, N m/V, for traces in volts; None where no calibration was fed.
+    provenance : mapping of str to str
+        For each number or group of numbers, where it came from.
     slow : tuple of SlowBlock
         Torque unknown to the expected torque. The filter estimates it, so that it is not taken for
         ripple or misalignment, and leaves it in the filtered torque.
@@ -213,15 +216,15 @@ class FilterModel:
     gear_ratio: float
     differentiator_time_constant_s: float
     use_measured_angle: bool
-    provenance: Mapping[str, str] = field(default_factory=dict)
     torque_gain_nm_per_v: float | None = None
-    slow: tuple[SlowBlock, ...] = ()
-    order_prior_std_nm: float | None = None
-    slow_prior_std_nm: float | None = None
-    gate_sigma: float | None = None
-    torque_limit_nm: float | None = None
-    stuck_samples: int | None = None
-    tuning: Mapping[str, Any] | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    slow: Annotated[tuple[SlowBlock, ...], _ABSENT] = ()
+    order_prior_std_nm: Annotated[float | None, _ABSENT] = None
+    slow_prior_std_nm: Annotated[float | None, _ABSENT] = None
+    gate_sigma: Annotated[float | None, _ABSENT] = None
+    torque_limit_nm: Annotated[float | None, _ABSENT] = None
+    stuck_samples: Annotated[int | None, _ABSENT] = None
+    tuning: Annotated[Mapping[str, Any] | None, _ABSENT] = None
 
     __pydantic_config__ = _STRICT
 
@@ -260,22 +263,7 @@ class FilterModel:
             Every field under its own name, blocks as objects. Fields that a report's preset does
             not have are left out where they are not set.
         """
-        body: dict[str, object] = {
-            "schema": SCHEMA,
-            "name": self.name,
-            "blocks": [_set_fields(block) for block in self.blocks],
-            "measurement_noise": self.measurement_noise,
-            "load_inertia_kg_m2": self.load_inertia_kg_m2,
-            "gear_ratio": self.gear_ratio,
-            "differentiator_time_constant_s": self.differentiator_time_constant_s,
-            "use_measured_angle": self.use_measured_angle,
-            "torque_gain_nm_per_v": self.torque_gain_nm_per_v,
-            "provenance": dict(self.provenance),
-        }
-        if self.slow:
-            body["slow"] = [_set_fields(block) for block in self.slow]
-        more = {name: getattr(self, name) for name in (*_LIMITS, "stuck_samples", "tuning")}
-        return body | {name: value for name, value in more.items() if value is not None}
+        return {"schema": SCHEMA, **TypeAdapter(FilterModel).dump_python(self, mode="json")}
 
     @classmethod
     def from_dict(cls, body: Mapping[str, Any], *, source: str = "<memory>") -> FilterModel:
@@ -307,12 +295,6 @@ class FilterModel:
         except ValidationError as error:
             place, what = first_problem(error)
             raise _bad_file(what, f"{source}:{place}" if place else source) from error
-
-
-def _set_fields(block: OscillatorBlock | SlowBlock) -> dict[str, object]:
-    """Return the numbers of a block but for those at their default."""
-    values = {item.name: getattr(block, item.name) for item in fields(block)}
-    return {f.name: values[f.name] for f in fields(block) if values[f.name] != f.default}
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:

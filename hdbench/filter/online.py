@@ -25,6 +25,7 @@ from hdbench.filter.kalman import (
     run,
 )
 from hdbench.filter.model import FilterModel, OscillatorBlock
+from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray, Trace
 
 SATURATED, STUCK = 8, 16
@@ -236,31 +237,20 @@ def block_amplitudes(model: FilterModel, state: FloatArray) -> tuple[BlockAmplit
     # the state stands before the last sample's measurement: done here
     states = (predicted + state[STEP] * gain).tolist()
     rows, columns = np.tril_indices(size)
-    triangle = triangle[: rows.size] - state[INVERSE] * (gain[rows] * gain[columns])
-    return tuple(
-        _amplitude(block, states[2 * at : 2 * at + 2], _corner(triangle.tolist(), 2 * at))
-        for at, block in enumerate(model.blocks)
+    covariance = np.zeros((size, size))
+    covariance[rows, columns] = triangle[: rows.size] - state[INVERSE] * (
+        gain[rows] * gain[columns]
     )
-
-
-def _corner(triangle: list[float], first: int) -> tuple[float, float, float]:
-    """Return P_aa, P_ab, P_bb of the states `first` and `first` + 1."""
-    below = (first + 1) * (first + 2) // 2
-    return (
-        triangle[first * (first + 1) // 2 + first],
-        triangle[below + first],
-        triangle[below + first + 1],
-    )
-
-
-def _amplitude(
-    block: OscillatorBlock, states: list[float], corner: tuple[float, float, float]
-) -> BlockAmplitude:
-    a, b = states
-    aa, ab, bb = corner
-    size = math.hypot(a, b)
-    variance = (a * a * aa + 2.0 * a * b * ab + b * b * bb) / size**2 if size else (aa + bb) / 2.0
-    return BlockAmplitude(block, size, math.sqrt(max(0.0, variance)))
+    found = []
+    for i, block in zip(range(0, size, 2), model.blocks, strict=False):
+        a, b = states[i : i + 2]
+        (aa, _), (ab, bb) = covariance[i : i + 2, i : i + 2].tolist()
+        amplitude = math.hypot(a, b)
+        variance = (aa + bb) / 2.0
+        if amplitude:
+            variance = (a * a * aa + 2.0 * a * b * ab + b * b * bb) / amplitude**2
+        found.append(BlockAmplitude(block, amplitude, math.sqrt(max(0.0, variance))))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,25 +278,17 @@ class Channels:
     source: str
 
 
-def filter_channels(
-    trace: Trace,
-    *,
-    use_measured_angle: bool,
-    velocity_gain_rad_s_per_v: float,
-    encoder_counts_per_turn: int | None = None,
-) -> Channels:
+def filter_channels(trace: Trace, profile: ProfileData, *, use_measured_angle: bool) -> Channels:
     """Return the channels that the filter reads.
 
     Parameters
     ----------
     trace : Trace
         With ``torque_nm`` and ``motor_velocity_rad_s`` or ``tacho_v``.
+    profile : ProfileData
+        Gain of the tacho and counts of the encoder, for channels in volts and counts.
     use_measured_angle : bool
         Whether a measured motor angle is wanted where there is one.
-    velocity_gain_rad_s_per_v : float
-        Motor speed per tacho volt, rad/s/V; used where there is no ``motor_velocity_rad_s``.
-    encoder_counts_per_turn : int or None
-        Turns ``encoder_count`` into an angle where there is no ``motor_angle_rad``.
 
     Returns
     -------
@@ -327,7 +309,7 @@ def filter_channels(
     if "motor_velocity_rad_s" in trace:
         velocity = trace["motor_velocity_rad_s"]
     elif "tacho_v" in trace:
-        velocity = trace["tacho_v"] * velocity_gain_rad_s_per_v
+        velocity = trace["tacho_v"] * profile.tacho.gain_rad_s_per_v
     else:
         raise DataError(
             "there is neither motor_velocity_rad_s nor tacho_v",
@@ -338,8 +320,8 @@ def filter_channels(
     if use_measured_angle:
         if "motor_angle_rad" in trace:
             angle = trace["motor_angle_rad"]
-        elif "encoder_count" in trace and encoder_counts_per_turn is not None:
-            angle = trace["encoder_count"] * (2.0 * np.pi / encoder_counts_per_turn)
+        elif "encoder_count" in trace:
+            angle = trace["encoder_count"] * (2.0 * np.pi / profile.encoder.counts_per_turn)
     return Channels(trace.time_s, velocity, trace["torque_nm"], angle, trace.source)
 
 
@@ -350,13 +332,7 @@ def run_channels(model: FilterModel, channels: Channels) -> FilteredBlock:
     return run(packed, new_state(packed), *samples, angle_rad=channels.angle_rad)
 
 
-def filter_trace(
-    trace: Trace,
-    model: FilterModel,
-    *,
-    velocity_gain_rad_s_per_v: float,
-    encoder_counts_per_turn: int | None = None,
-) -> FilteredBlock:
+def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> FilteredBlock:
     """Filter a stored trace as it would have been filtered while sampling.
 
     Parameters
@@ -365,11 +341,8 @@ def filter_trace(
         With ``torque_nm`` and ``motor_velocity_rad_s`` or ``tacho_v``.
     model : FilterModel
         Orders, noise and expected torque.
-    velocity_gain_rad_s_per_v : float
-        Motor speed per tacho volt, rad/s/V; used where there is no ``motor_velocity_rad_s``.
-    encoder_counts_per_turn : int or None
-        Turns ``encoder_count`` into an angle where the model uses a measured one and there is no
-        ``motor_angle_rad``.
+    profile : ProfileData
+        Gain of the tacho and counts of the encoder, for channels in volts and counts.
 
     Returns
     -------
@@ -381,12 +354,7 @@ def filter_trace(
     DataError
         If a channel is missing or time does not increase.
     """
-    channels = filter_channels(
-        trace,
-        use_measured_angle=model.use_measured_angle,
-        velocity_gain_rad_s_per_v=velocity_gain_rad_s_per_v,
-        encoder_counts_per_turn=encoder_counts_per_turn,
-    )
+    channels = filter_channels(trace, profile, use_measured_angle=model.use_measured_angle)
     try:
         return OnlineFilter(model).process(
             channels.time_s, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad

@@ -9,6 +9,7 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
+from hdbench.estimation.stretches import true_runs
 from hdbench.filter.kalman import USABLE, pack, smooth
 from hdbench.filter.model import FilterModel
 from hdbench.filter.online import Channels
@@ -284,9 +285,8 @@ def _longest(channels: Channels, torque_nm: FloatArray, angle: FloatArray) -> tu
     turning = np.sign(np.diff(angle))
     together = (sign[1:] == sign[:-1]) & (sign[1:] != 0.0) & (turning == sign[1:])
     together &= dt <= _GAP_PERIODS * float(np.median(dt)) if dt.size else False
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], together.astype(np.int8), [0]))))
     best, most = (0, 0), 0.0
-    for a, b in edges.reshape(-1, 2).tolist():
+    for a, b in true_runs(together):
         turns = abs(float(angle[b] - angle[a])) / (2.0 * math.pi)
         if turns > most:
             best, most = (a, b + 1), turns

@@ -200,13 +200,7 @@ class Notch:
     depth_db: float
     lower_hz: float | None  # half power on either side, where it is reached
     upper_hz: float | None
-
-    @property
-    def width_hz(self) -> float | None:
-        """Distance of the half-power points, Hz; None where there are not two."""
-        if self.lower_hz is None or self.upper_hz is None:
-            return None
-        return self.upper_hz - self.lower_hz
+    width_hz: float | None  # between the two
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,13 +210,7 @@ class Passed:
     frequency_hz: float
     gain: float  # 1 keeps the torque; what is missing is replaced by the expected torque
     phase_rad: float
-
-    @property
-    def delay_s(self) -> float | None:
-        """Phase delay, s; None at frequency 0."""
-        if not self.frequency_hz > 0.0:
-            return None
-        return -self.phase_rad / (2.0 * math.pi * self.frequency_hz)
+    delay_s: float | None  # of the phase; None at frequency 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,8 +231,8 @@ class Response:
         return {
             "velocity_rad_s": self.velocity_rad_s,
             "gain_at_zero": self.passed[0].gain,
-            "notches": [{**asdict(n), "width_hz": n.width_hz} for n in self.notches],
-            "passed": [{**asdict(p), "delay_s": p.delay_s} for p in self.passed],
+            "notches": [asdict(notch) for notch in self.notches],
+            "passed": [asdict(passed) for passed in self.passed],
             "noise_gain": self.noise_gain,
             "settling_time_s": self.settling_time_s,
             "curve": {
@@ -262,22 +250,26 @@ def filter_response(model: FilterModel, velocity_rad_s: float, sample_period_s: 
     places = [_place(block.order, block.frequency_hz, velocity_rad_s) for block in model.blocks]
     known = [hz for hz, _ in places if hz < nyquist]
     curve = _curve(known, nyquist)
-    low = np.array([hz for hz in _PASSED_HZ if hz < nyquist])
-    slow = steady.transfer(low)
     mode = steady.slowest_mode_s()
     return Response(
         velocity_rad_s=velocity_rad_s,
         sample_period_s=sample_period_s,
         notches=tuple(_notch(steady, hz, name, known, nyquist) for hz, name in places),
-        passed=tuple(
-            Passed(float(hz), float(abs(h)), float(np.angle(h)))
-            for hz, h in zip(low, slow, strict=True)
-        ),
+        passed=_passed(steady, [hz for hz in _PASSED_HZ if hz < nyquist]),
         noise_gain=steady.noise_gain(),
         settling_time_s=-mode * math.log(_LEFT) if math.isfinite(mode) else None,
         frequency_hz=curve,
         transfer=steady.transfer(curve),
     )
+
+
+def _passed(steady: SteadyFilter, frequency_hz: list[float]) -> tuple[Passed, ...]:
+    found = []
+    for hz, h in zip(frequency_hz, steady.transfer(np.array(frequency_hz)), strict=True):
+        phase = float(np.angle(h))
+        delay = -phase / (2.0 * math.pi * hz) if hz > 0.0 else None
+        found.append(Passed(hz, float(abs(h)), phase, delay))
+    return tuple(found)
 
 
 def _place(order: float, frequency_hz: float, velocity_rad_s: float) -> tuple[float, str]:
@@ -303,13 +295,9 @@ def _notch(
     depth = float(abs(steady.transfer(np.array([hz]))[0]))
     below = max((x for x in (0.0, *others) if x < hz), default=0.0)
     above = min((x for x in (nyquist, *others) if x > hz), default=nyquist)
-    return Notch(
-        name,
-        hz,
-        20.0 * math.log10(max(depth, 1e-15)),
-        _half_power(steady, hz, below - hz),
-        _half_power(steady, hz, above - hz),
-    )
+    lower, upper = (_half_power(steady, hz, end - hz) for end in (below, above))
+    width = None if lower is None or upper is None else upper - lower
+    return Notch(name, hz, 20.0 * math.log10(max(depth, 1e-15)), lower, upper, width)
 
 
 def _half_power(steady: SteadyFilter, hz: float, room: float) -> float | None:

@@ -118,30 +118,20 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True)
 class ErrorTable:
-    """What placement does to the torque shown.
+    """What placement does to the torque shown."""
 
-    Parameters
-    ----------
-    bench : GaugedBench
-        Flexspline, gauges, sensor.
-    tolerance : Tolerance
-        How far rosettes may be off.
-    draws, seed : int
-        Size and seed of the simulation.
-    in_place : mapping of str to float
-        Effects that stay with every rosette in place.
-    one_off : tuple of OneOff
-        Every rosette and kind in turn.
-    scatter : tuple of Scatter
-        Each kind alone, then all.
-    """
-
+    # flexspline, gauges, sensor
     bench: GaugedBench
+    # how far rosettes may be off
     tolerance: Tolerance
+    # size and seed of the simulation
     draws: int
     seed: int
+    # effects that stay with every rosette in place
     in_place: Mapping[str, float]
+    # every rosette and kind in turn
     one_off: tuple[OneOff, ...]
+    # each kind alone, then all
     scatter: tuple[Scatter, ...]
 
     def to_dict(self) -> dict[str, Any]:

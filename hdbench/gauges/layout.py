@@ -15,20 +15,13 @@ _BOSS_SHARE = 0.44
 
 @dataclass(frozen=True, slots=True)
 class Rosette:
-    """One pad with two grids at right angles, both at 45 degrees to the radius.
+    """One pad with two grids at right angles, both at 45 degrees to the radius."""
 
-    Parameters
-    ----------
-    number : int
-        1, 2, ...; its gauges are R(2 number - 1) and R(2 number).
-    angle_deg : float
-        Angle on the diaphragm, degrees, counter-clockwise from the index mark.
-    reverse : bool
-        False: the odd gauge sits nearer to the axis. True: the even one does.
-    """
-
+    # 1, 2, ...; its gauges are R(2 number - 1) and R(2 number)
     number: int
+    # angle on the diaphragm, degrees, counter-clockwise from the index mark
     angle_deg: float
+    # false: the odd gauge sits nearer to the axis. True: the even one does
     reverse: bool
 
     @property
@@ -39,21 +32,14 @@ class Rosette:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Rosettes of one bridge.
+    """Rosettes of one bridge."""
 
-    Parameters
-    ----------
-    name : str
-        Name on the command line.
-    words : str
-        One line for a person.
-    rosettes : tuple of Rosette
-        An even number of them. The first, third, ... stand in series in arms 1 (odd gauges) and 2
-        (even gauges), the second, fourth, ... in arms 3 and 4.
-    """
-
+    # name on the command line
     name: str
+    # one line for a person
     words: str
+    # an even number of them. The first, third, ... stand in series in arms 1 (odd gauges) and 2
+    # (even gauges), the second, fourth, ... in arms 3 and 4
     rosettes: tuple[Rosette, ...]
 
     @property

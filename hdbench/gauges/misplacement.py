@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.gauges.bridge import torque_reading
 from hdbench.gauges.layout import GridGeometry, Layout
-from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strain
+from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strain, torque_reading
 from hdbench.profile.schema import ProfileData, Sensor
 from hdbench.records.trace import FloatArray
 
@@ -22,26 +21,17 @@ _CHUNK = 2000
 
 @dataclass(frozen=True, slots=True)
 class GaugedBench:
-    """A flexspline with its gauges, and the sensor that reads them.
+    """A flexspline with its gauges, and the sensor that reads them."""
 
-    Parameters
-    ----------
-    layout : Layout
-        The rosettes.
-    geometry : GridGeometry
-        Where their grids are.
-    field : StrainField
-        The strain under them.
-    sensor : Sensor
-        Gauge factor, supply, amplifier, gain.
-    rated_torque_nm : float
-        Torque at which the gain is taken, N m.
-    """
-
+    # the rosettes
     layout: Layout
+    # where their grids are
     geometry: GridGeometry
+    # the strain under them
     field: StrainField
+    # gauge factor, supply, amplifier, gain
     sensor: Sensor
+    # torque at which the gain is taken, N m
     rated_torque_nm: float
 
     def uncancelled_nm(self, wave: Wave) -> float:
@@ -99,23 +89,17 @@ class GaugedBench:
 
 @dataclass(frozen=True, slots=True)
 class Effects:
-    """What the placement of the rosettes does, one entry per draw.
+    """What the placement of the rosettes does, one entry per draw."""
 
-    Parameters
-    ----------
-    gain_change : ndarray, shape (draws,)
-        Relative change of the torque shown at rated torque, mean over a turn, zero taken off.
-    zero_nm : ndarray, shape (draws,)
-        Torque shown at no torque, mean over a turn of the wave generator, N m.
-    locked_zero_nm : ndarray, shape (draws,)
-        Largest torque shown at no torque with the wave generator locked at any angle, N m.
-    ripple_2_nm, ripple_4_nm : ndarray, shape (draws,)
-        Amplitude at twice and at four times wave-generator speed at no torque, N m.
-    """
-
+    # shape (draws,): Relative change of the torque shown at rated torque, mean over a turn, zero
+    # taken off
     gain_change: FloatArray
+    # shape (draws,): Torque shown at no torque, mean over a turn of the wave generator, N m
     zero_nm: FloatArray
+    # shape (draws,): Largest torque shown at no torque with the wave generator locked at any angle,
+    # N m
     locked_zero_nm: FloatArray
+    # shape (draws,): Amplitude at twice and at four times wave-generator speed at no torque, N m
     ripple_2_nm: FloatArray
     ripple_4_nm: FloatArray
 

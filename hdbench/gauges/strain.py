@@ -1,4 +1,4 @@
-"""The strain under a grid: torsion, the wave generator's ellipse, assembly."""
+"""Strain under every grid, and the Wheatstone bridge that turns it into volts."""
 
 from __future__ import annotations
 
@@ -9,48 +9,34 @@ import numpy as np
 
 from hdbench.errors import UsageError
 from hdbench.gauges.layout import GridGeometry, Layout
+from hdbench.profile.schema import Sensor
 from hdbench.records.trace import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Wave:
-    r"""What the wave generator's ellipse does to the diaphragm at one order.
+    r"""What the wave generator's ellipse does to the diaphragm at one order."""
 
-    Parameters
-    ----------
-    order : float
-        Cycles per turn of the wave generator against the flexspline.
-    pair_strain : float
-        :math:`\Psi_m`, strain amplitude of the difference of a rosette's two grids (equation 2).
-    """
-
+    # cycles per turn of the wave generator against the flexspline
     order: float
+    # :math:`\Psi_m`, strain amplitude of the difference of a rosette's two grids (equation 2)
     pair_strain: float
 
 
 @dataclass(frozen=True, slots=True)
 class StrainField:
-    """Surface strain of the diaphragm about the mean radius of the rosettes.
+    """Surface strain of the diaphragm about the mean radius of the rosettes."""
 
-    Parameters
-    ----------
-    torsion_per_nm : float
-        Strain of one grid at 45 degrees at the mean radius for 1 N m, 1/(N m), above 0.
-    waves : tuple of Wave
-        Orders of the wave generator's strain.
-    normal_share : float
-        Amplitude of radial less tangential wave strain, and of their sum, over that of the shear,
-        at least 0.
-    assembly_strain : float
-        Steady radial strain from assembly at the mean radius; its tangential strain is 0.
-    radial_growth : float
-        Exponent with which wave and assembly strain grow with the radius, at least 0.
-    """
-
+    # strain of one grid at 45 degrees at the mean radius for 1 N m, 1/(N m), above 0
     torsion_per_nm: float
+    # orders of the wave generator's strain
     waves: tuple[Wave, ...]
+    # amplitude of radial less tangential wave strain, and of their sum, over that of the shear, at
+    # least 0
     normal_share: float = 1.0
+    # steady radial strain from assembly at the mean radius; its tangential strain is 0
     assembly_strain: float = 0.0
+    # exponent with which wave and assembly strain grow with the radius, at least 0
     radial_growth: float = 1.0
 
     def __post_init__(self) -> None:
@@ -74,20 +60,14 @@ class StrainField:
 
 @dataclass(frozen=True, slots=True)
 class PlacementErrors:
-    """How far each rosette is from its place.
+    """How far each rosette is from its place."""
 
-    Parameters
-    ----------
-    radial_mm : ndarray, shape (draws, rosettes)
-        Outwards, mm.
-    circumferential_rad : ndarray, shape (draws, rosettes)
-        Along the circumference, angle on the diaphragm, rad, counter-clockwise.
-    angular_rad : ndarray, shape (draws, rosettes)
-        Turned about its own centre, rad, counter-clockwise.
-    """
-
+    # shape (draws, rosettes): Outwards, mm
     radial_mm: FloatArray
+    # shape (draws, rosettes): Along the circumference, angle on the diaphragm, rad, counter-
+    # clockwise
     circumferential_rad: FloatArray
+    # shape (draws, rosettes): Turned about its own centre, rad, counter-clockwise
     angular_rad: FloatArray
 
     def __post_init__(self) -> None:
@@ -220,3 +200,58 @@ def off_centre(
     along = np.arctan2(y, x) - angles
     along = np.arctan2(np.sin(along), np.cos(along))
     return PlacementErrors(np.hypot(x, y) - geometry.radius_mm, along, -along)
+
+
+def bridge_ratio(strain: FloatArray, gauge_factor: float) -> FloatArray:
+    r"""Return output over supply of the bridge.
+
+    Parameters
+    ----------
+    strain : ndarray, shape (..., rosettes, 2)
+        Strain of odd and even gauge of every rosette; an even number of rosettes.
+    gauge_factor : float
+        Relative change of resistance per strain, K.
+
+    Returns
+    -------
+    ndarray, shape (...,)
+        Output voltage over supply voltage.
+
+    Raises
+    ------
+    ValueError
+        If the number of rosettes is odd: then a bridge arm would be empty.
+
+    Notes
+    -----
+    :math:`\frac{E_{out}}{E_{sup}} = \frac{R_1 R_3 - R_2 R_4}{(R_1 + R_2)(R_3 + R_4)}`, gauges of
+    one arm in series, :math:`R = R_0 (1 + K \varepsilon)`; constant supply voltage, no lead
+    resistance, no load on the output. For small strain :math:`\frac{K}{4} (\varepsilon_1 -
+    \varepsilon_2 + \varepsilon_3 - \varepsilon_4)`, equation 4 of CIM-TR-97-06.
+    """
+    if strain.shape[-2] % 2:
+        raise ValueError(f"{strain.shape[-2]} rosettes; needed: an even number")
+    resistance = 1.0 + gauge_factor * strain
+    first, second = resistance[..., 0::2, :].sum(axis=-2), resistance[..., 1::2, :].sum(axis=-2)
+    arm_1, arm_2 = first[..., 0], first[..., 1]
+    arm_3, arm_4 = second[..., 0], second[..., 1]
+    return np.asarray((arm_1 * arm_3 - arm_2 * arm_4) / ((arm_1 + arm_2) * (arm_3 + arm_4)))
+
+
+def torque_reading(strain: FloatArray, sensor: Sensor) -> FloatArray:
+    """Return the torque that the bench shows for the strain of its gauges.
+
+    Parameters
+    ----------
+    strain : ndarray, shape (..., rosettes, 2)
+        Strain of odd and even gauge of every rosette.
+    sensor : Sensor
+        Gauge factor, supply, amplifier and gain of the profile.
+
+    Returns
+    -------
+    ndarray, shape (...,)
+        Gain times amplified bridge voltage, N m.
+    """
+    volts = sensor.amplifier_gain * sensor.excitation_v * bridge_ratio(strain, sensor.gauge_factor)
+    return np.asarray(sensor.gain_nm_per_v * volts)

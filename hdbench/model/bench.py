@@ -13,7 +13,7 @@ from hdbench.errors import DataError
 from hdbench.model.cause import catalogue, check_term
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR, angle_error_rad
 from hdbench.model.definition import Cause, CauseTerm, amplitude_phase
-from hdbench.model.motion import Motion, gauge_order_factor
+from hdbench.model.motion import Motion, gauge_order_factor, turns_of
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
@@ -53,12 +53,6 @@ def expected_torque_nm(motion: Motion, inertia_nm_s2: float) -> FloatArray:
     return np.asarray(inertia_nm_s2 * motion.acceleration_rad_s2)
 
 
-def output_turns(motion: Motion) -> float:
-    """Return the span of the output angle over the valid samples."""
-    angle = motion.output_angle_rad[motion.valid]
-    return float(np.ptp(angle)) / (2.0 * math.pi) if len(angle) else 0.0
-
-
 def baseline_columns(
     motion: Motion, profile: ProfileData, *, load: float = 1.0
 ) -> tuple[FloatArray, tuple[str, ...], FloatArray]:
@@ -94,32 +88,10 @@ def baseline_columns(
         angle = order * motion.angle_rad
         names += [f"ripple:{order!r}:cosine", f"ripple:{order!r}:sine"]
         columns += [np.cos(angle), np.sin(angle)]
-    if output_turns(motion) >= 1.0:
+    if turns_of(motion.output_angle_rad, motion) >= 1.0:
         names += ["misalignment:cosine", "misalignment:sine"]
         columns += [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
     return fixed, tuple(names), np.column_stack(columns)
-
-
-def baseline_numbers(
-    names: Sequence[str], coefficients: Sequence[float]
-) -> tuple[float | None, tuple[tuple[float, float, float], ...], tuple[float, float]]:
-    """Return what the coefficients of a fitted baseline say."""
-    values = dict(zip(names, (float(c) for c in coefficients), strict=True))
-    if not all(math.isfinite(value) for value in values.values()):
-        raise ValueError(f"baseline coefficients must be finite, got {values}")
-    pairs: dict[str, tuple[float, float]] = {}
-    for name in values:
-        stem, _, part = name.rpartition(":")
-        if part == "cosine":
-            pairs[stem] = amplitude_phase(values[name], values[f"{stem}:sine"])[:2]
-        elif part not in ("sine", "zero"):
-            raise ValueError(f"unknown baseline term {name!r}")
-    ripple = tuple(
-        (float(stem.removeprefix("ripple:")), *pair)
-        for stem, pair in pairs.items()
-        if stem.startswith("ripple:")
-    )
-    return values.get("zero"), ripple, pairs.get("misalignment", (0.0, 0.0))
 
 
 # angle over which the slope of a ripple is formed: 2e-6 off at order 360, the highest of any cause,
@@ -150,7 +122,7 @@ def term_torque_nm(term: CauseTerm, motion: Motion, *, extra: Sequence[Cause] = 
         If the numbers do not fit the cause, the record lacks a channel that it needs, or the
         columns of a user's own cause have another shape.
     """
-    cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
+    cause = check_term(term, extra=extra)
     for channel in cause.channels:
         if getattr(motion, channel) is None:
             raise DataError(
@@ -168,51 +140,6 @@ def term_torque_nm(term: CauseTerm, motion: Motion, *, extra: Sequence[Cause] = 
             fix="mend the function `columns` of this cause",
         )
     return np.asarray(columns @ linear)
-
-
-def summed_torque_nm(
-    terms: Iterable[CauseTerm],
-    motion: Motion,
-    baseline_nm: Callable[[Motion], FloatArray],
-    *,
-    extra: Sequence[Cause] = (),
-) -> FloatArray:
-    """Return the torque of several causes."""
-    early, late = _early_and_late(terms, extra)
-    torque = _summed(early, motion, extra)
-    if late:
-        on = signal_motion((*early, *late), motion, baseline_nm, extra=extra)
-        torque = torque + _summed(late, on, extra)
-    return torque
-
-
-def signal_motion(
-    terms: Iterable[CauseTerm],
-    motion: Motion,
-    baseline_nm: Callable[[Motion], FloatArray],
-    *,
-    extra: Sequence[Cause] = (),
-) -> Motion:
-    """Return the motion with the signal that causes of the whole signal act on."""
-    early, late = _early_and_late(terms, extra)
-    errors = [angle_error_rad(motion, t.linear) for t in late if t.name == TRANSMISSION_ERROR]
-    error = sum(errors, np.zeros(len(motion)))
-    return with_signal(motion, lambda on: baseline_nm(on) + _summed(early, on, extra), error)
-
-
-def _early_and_late(
-    terms: Iterable[CauseTerm], extra: Sequence[Cause]
-) -> tuple[list[CauseTerm], list[CauseTerm]]:
-    """Return the causes that are part of the signal, and those that act on all of it."""
-    parts: tuple[list[CauseTerm], list[CauseTerm]] = ([], [])
-    for term in terms:
-        cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
-        parts[cause.whole_signal].append(term)
-    return parts
-
-
-def _summed(terms: Iterable[CauseTerm], motion: Motion, extra: Sequence[Cause]) -> FloatArray:
-    return sum((term_torque_nm(t, motion, extra=extra) for t in terms), np.zeros(len(motion)))
 
 
 def with_signal(
@@ -244,17 +171,6 @@ def with_signal(
     )
     slope = (ahead - behind) / way
     return replace(motion, simulated_nm=torque_nm(motion), ripple_slope_nm_per_rad=slope)
-
-
-def undone_faults(
-    terms: Iterable[CauseTerm], motion: Motion, *, extra: Sequence[Cause] = ()
-) -> Motion:
-    """Return the motion that the bench had, without the faults of angle and clock."""
-    for term in terms:
-        cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
-        if cause.change_motion is not None:
-            motion = cause.change_motion(motion, term.shape)
-    return motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,7 +286,11 @@ class BenchModel:
         DataError
             If a cause does not fit the catalogue.
         """
-        return undone_faults(self.causes, motion, extra=self.extra_causes)
+        for term in self.causes:
+            cause = check_term(term, extra=self.extra_causes)
+            if cause.change_motion is not None:
+                motion = cause.change_motion(motion, term.shape)
+        return motion
 
     def baseline_torque_nm(self, motion: Motion) -> FloatArray:
         """Return zero, expected torque, load, ripple, misalignment, N m, shape (n_samples,)."""
@@ -405,9 +325,9 @@ class BenchModel:
         What acts on the whole signal (a time skew, a saturation) acts on the sum of the baseline
         and of all causes that do not.
         """
-        return summed_torque_nm(
-            self.causes, motion, self.baseline_torque_nm, extra=self.extra_causes
-        )
+        early, late = self._early_and_late()
+        torque = self._summed(early, motion)
+        return torque + self._summed(late, self.signal_motion(motion)) if late else torque
 
     def signal_motion(self, motion: Motion) -> Motion:
         """Return the motion with the signal that causes of the whole signal act on.
@@ -428,7 +348,23 @@ class BenchModel:
         DataError
             As `torque_nm`.
         """
-        return signal_motion(self.causes, motion, self.baseline_torque_nm, extra=self.extra_causes)
+        early, late = self._early_and_late()
+        errors = [angle_error_rad(motion, t.linear) for t in late if t.name == TRANSMISSION_ERROR]
+        error = sum(errors, np.zeros(len(motion)))
+        return with_signal(
+            motion, lambda on: self.baseline_torque_nm(on) + self._summed(early, on), error
+        )
+
+    def _early_and_late(self) -> tuple[list[CauseTerm], list[CauseTerm]]:
+        """Return the causes that are part of the signal, and those that act on all of it."""
+        parts: tuple[list[CauseTerm], list[CauseTerm]] = ([], [])
+        for term in self.causes:
+            parts[check_term(term, extra=self.extra_causes).whole_signal].append(term)
+        return parts
+
+    def _summed(self, terms: Iterable[CauseTerm], motion: Motion) -> FloatArray:
+        torques = (term_torque_nm(term, motion, extra=self.extra_causes) for term in terms)
+        return sum(torques, np.zeros(len(motion)))
 
     def terms(self) -> tuple[str, ...]:
         """Return the names of the model's terms: baseline, then causes, in order.
@@ -457,7 +393,7 @@ class BenchModel:
         DataError
             If the numbers do not fit the cause.
         """
-        check_term(term, where=f"cause {term.name!r}", extra=self.extra_causes)
+        check_term(term, extra=self.extra_causes)
         return replace(self, causes=(*self.causes, term))
 
     def with_extra(self, causes: Sequence[Cause]) -> BenchModel:
@@ -508,10 +444,20 @@ class BenchModel:
         ValueError
             If the lengths differ, a name is unknown or a coefficient is not finite.
         """
-        zero, ripple, misalignment = baseline_numbers(names, coefficients)
+        values = dict(zip(names, (float(c) for c in coefficients), strict=True))
+        if not all(math.isfinite(value) for value in values.values()):
+            raise ValueError(f"baseline coefficients must be finite, got {values}")
+        pairs: dict[str, tuple[float, float]] = {}
+        for name in values:
+            stem, _, part = name.rpartition(":")
+            if part == "cosine":
+                pairs[stem] = amplitude_phase(values[name], values[f"{stem}:sine"])[:2]
+            elif part not in ("sine", "zero"):
+                raise ValueError(f"unknown baseline term {name!r}")
+        misalignment = pairs.pop("misalignment", (0.0, 0.0))
         return replace(
             self,
-            zero_nm=self.zero_nm if zero is None else zero,
-            ripple=ripple,
+            zero_nm=values.get("zero", self.zero_nm),
+            ripple=tuple((float(stem.rpartition(":")[2]), *pair) for stem, pair in pairs.items()),
             misalignment=misalignment,
         )

@@ -143,7 +143,7 @@ def cause_named(name: str, *, where: str, extra: Sequence[Cause] = ()) -> Cause:
     )
 
 
-def check_term(term: CauseTerm, *, where: str, extra: Sequence[Cause] = ()) -> Cause:
+def check_term(term: CauseTerm, *, where: str = "", extra: Sequence[Cause] = ()) -> Cause:
     """Return the cause of `term` after making sure that its numbers fit.
 
     Parameters
@@ -151,7 +151,7 @@ def check_term(term: CauseTerm, *, where: str, extra: Sequence[Cause] = ()) -> C
     term : CauseTerm
         A cause with numbers.
     where : str
-        Place of the term, for the error.
+        Place of the term, for the error; empty names the cause.
     extra : sequence of Cause
         Further causes.
 
@@ -164,6 +164,7 @@ def check_term(term: CauseTerm, *, where: str, extra: Sequence[Cause] = ()) -> C
     DataError
         If the cause is unknown, a parameter is missing, unknown, not finite or out of its domain.
     """
+    where = where or f"cause {term.name!r}"
     cause = cause_named(term.name, where=where, extra=extra)
     needed = [parameter.name for parameter in cause.shape]
     if set(term.shape) != set(needed) or len(term.linear) != len(cause.linear):
@@ -225,7 +226,7 @@ def cause_parameters(
     ValueError
         If `covariance` has another shape.
     """
-    cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
+    cause = check_term(term, extra=extra)
     matrix = _matrix(covariance if covariance is not None else term.covariance, cause)
     table: ParameterTable = {}
     names = [parameter.name for parameter in cause.linear]

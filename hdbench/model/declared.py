@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -20,6 +22,8 @@ from pydantic import (
 from hdbench.model.causes._parts import (
     REFERENCE_LOAD_NM,
     REFERENCE_SPEED_RAD_S,
+    Applicable,
+    Shape,
     all_of,
     known_torque,
     lasts,
@@ -32,7 +36,7 @@ from hdbench.model.causes._parts import (
     speed_varies,
     torque_parameter,
 )
-from hdbench.model.definition import Cause, Parameter, always
+from hdbench.model.definition import Cause, Parameter, always, is_harmonic
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
@@ -55,67 +59,60 @@ def _different(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def _one_given(one: object, other: object, names: str) -> None:
+    if (one is None) == (other is None):
+        raise ValueError(f"needed: either {names}")
+
+
 Range = Annotated[tuple[PositiveFloat, PositiveFloat], AfterValidator(_range)]
 Several = Annotated[
     tuple[PositiveFloat, ...], Field(min_length=1, max_length=16), AfterValidator(_different)
 ]
-Turning = Annotated[
-    Literal["motor", "output"], Field(description="what turns: the wave generator or the output")
+Multiples = Annotated[
+    tuple[PositiveInt, ...], Field(min_length=1, max_length=16), AfterValidator(_different)
 ]
+Powers = Annotated[
+    tuple[Annotated[int, Field(ge=1, le=9)], ...],
+    Field(min_length=1, max_length=9),
+    AfterValidator(_different),
+]
+# within a turn, increasing
+Angles = Annotated[
+    tuple[Annotated[float, Field(ge=0.0, lt=2.0 * math.pi)], ...],
+    Field(min_length=2, max_length=4096),
+]
+Turning = Literal["motor", "output"]
 Text = Annotated[str, Field(min_length=1, max_length=400)]
 
 
 class _Named(_Strict):
     """Keys of every declaration."""
 
-    name: Annotated[
-        str,
-        Field(
-            pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$",
-            max_length=64,
-            description="name of the cause: small letters, digits and single '-'",
-        ),
-    ]
-    channel: Annotated[
-        Literal["sensor", "mechanical", "acquisition", "kinematic"],
-        Field(description="where it arises"),
-    ] = "mechanical"
-    look_alikes: Annotated[
-        tuple[str, ...], Field(max_length=16, description="names of causes that can look the same")
-    ] = ()
-    experiment: Annotated[
-        Text, Field(description="the experiment that tells it from its look-alikes")
-    ] = "a second run under other speeds, loads and directions"
-    source: Annotated[Text, Field(description="where the equation comes from")] = (
-        "declared by the user"
-    )
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=64)]
+    # where it arises
+    channel: Literal["sensor", "mechanical", "acquisition", "kinematic"] = "mechanical"
+    look_alikes: Annotated[tuple[str, ...], Field(max_length=16)] = ()
+    # the experiment that tells it from its look-alikes
+    experiment: Text = "a second run under other speeds, loads and directions"
+    # where the equation comes from
+    source: Text = "declared by the user"
 
 
 class HarmonicsSpec(_Named):
-    """A sum of sines at orders of the motor or of the output."""
+    """A sum of sines at orders of the motor or of the output, cycles per turn."""
 
     kind: Literal["harmonics"]
     of: Turning
-    orders: Annotated[
-        Several | None, Field(description="fixed orders, cycles per turn; or order_range")
-    ] = None
-    order_range: Annotated[
-        Range | None, Field(description="[lower, upper] of one order that is fitted")
-    ] = None
-    multiples: Annotated[
-        Annotated[tuple[PositiveInt, ...], Field(min_length=1, max_length=16)],
-        AfterValidator(_different),
-        Field(description="harmonics of the fitted order"),
-    ] = (1,)
-    grows_with: Annotated[
-        Literal["nothing", "speed", "speed-squared", "load", "load-magnitude"],
-        Field(description="what the amplitude is proportional to; stated at 100 rad/s or 10 N m"),
-    ] = "nothing"
+    # fixed orders, or the ends of one that is fitted with its harmonics
+    orders: Several | None = None
+    order_range: Range | None = None
+    multiples: Multiples = (1,)
+    # what the amplitude is proportional to; stated at 100 rad/s or 10 N m
+    grows_with: Literal["nothing", "speed", "speed-squared", "load", "load-magnitude"] = "nothing"
 
     @model_validator(mode="after")
     def _one_of_both(self) -> HarmonicsSpec:
-        if (self.orders is None) == (self.order_range is None):
-            raise ValueError("needed: either orders or order_range")
+        _one_given(self.orders, self.order_range, "orders or order_range")
         if self.orders is not None and self.multiples != (1,):
             raise ValueError("multiples belong to order_range; needed: every order in orders")
         return self
@@ -125,39 +122,30 @@ class ToneSpec(_Named):
     """A sum of sines over time."""
 
     kind: Literal["tone"]
-    frequencies_hz: Annotated[
-        Several | None, Field(description="fixed frequencies, Hz; or frequency_range_hz")
-    ] = None
-    frequency_range_hz: Annotated[
-        Range | None, Field(description="[lower, upper] of one frequency that is fitted, Hz")
-    ] = None
+    # fixed frequencies, or the ends of one that is fitted
+    frequencies_hz: Several | None = None
+    frequency_range_hz: Range | None = None
 
     @model_validator(mode="after")
     def _one_of_both(self) -> ToneSpec:
-        if (self.frequencies_hz is None) == (self.frequency_range_hz is None):
-            raise ValueError("needed: either frequencies_hz or frequency_range_hz")
+        _one_given(
+            self.frequencies_hz, self.frequency_range_hz, "frequencies_hz or frequency_range_hz"
+        )
         return self
 
 
 class PolynomialSpec(_Named):
-    """Powers of velocity, load, time or temperature."""
+    """Powers of velocity, load, time or temperature.
+
+    The variable is the motor velocity in rad/s, the torque through the flexspline in N m, the time
+    since the start in s, or the temperature against the first sample in degC.
+    """
 
     kind: Literal["polynomial"]
-    over: Annotated[
-        Literal["velocity", "load", "time", "temperature"],
-        Field(
-            description="variable: motor velocity in rad/s, torque through the flexspline in N m, "
-            "time since the start in s, temperature against the first sample in degC"
-        ),
-    ]
-    powers: Annotated[
-        Annotated[tuple[Annotated[int, Field(ge=1, le=9)], ...], Field(min_length=1, max_length=9)],
-        AfterValidator(_different),
-        Field(description="powers of the variable, 1 to 9"),
-    ]
-    scale: Annotated[
-        PositiveFloat, Field(description="value of the variable at which coefficients are stated")
-    ] = 1.0
+    over: Literal["velocity", "load", "time", "temperature"]
+    powers: Powers
+    # value of the variable at which coefficients are stated
+    scale: PositiveFloat = 1.0
 
 
 class TableSpec(_Named):
@@ -165,14 +153,8 @@ class TableSpec(_Named):
 
     kind: Literal["table"]
     of: Turning
-    angle_rad: Annotated[
-        tuple[Annotated[float, Field(ge=0.0, lt=2.0 * math.pi)], ...],
-        Field(min_length=2, max_length=4096, description="angles within a turn, rad, increasing"),
-    ]
-    torque_nm: Annotated[
-        tuple[float, ...],
-        Field(min_length=2, max_length=4096, description="torque at each angle, N m"),
-    ]
+    angle_rad: Angles
+    torque_nm: Annotated[tuple[float, ...], Field(min_length=2, max_length=4096)]
 
     @model_validator(mode="after")
     def _fits(self) -> TableSpec:
@@ -180,31 +162,22 @@ class TableSpec(_Named):
             raise ValueError(
                 f"{len(self.angle_rad)} angles and {len(self.torque_nm)} torques; needed: as many"
             )
-        pairs = zip(self.angle_rad, self.angle_rad[1:], strict=False)
-        if not all(a < b for a, b in pairs):
+        if not all(a < b for a, b in pairwise(self.angle_rad)):
             raise ValueError("angle_rad does not increase; needed: increasing angles within a turn")
         if len(set(self.torque_nm)) == 1:
             raise ValueError("torque_nm is constant; needed: a torque that changes with the angle")
         return self
 
 
-Declaration = Annotated[
-    HarmonicsSpec | ToneSpec | PolynomialSpec | TableSpec, Field(discriminator="kind")
-]
+Spec = HarmonicsSpec | ToneSpec | PolynomialSpec | TableSpec
+Declaration = Annotated[Spec, Field(discriminator="kind")]
 
 
 class CauseFile(_Strict):
-    """A file of causes."""
+    """A file of causes: one [[cause]] table each."""
 
-    cause: Annotated[
-        tuple[Declaration, ...],
-        Field(description="the causes, one [[cause]] table each"),
-    ]
+    cause: tuple[Declaration, ...]
 
-
-Spec = HarmonicsSpec | ToneSpec | PolynomialSpec | TableSpec
-Columns = Callable[[Motion, Mapping[str, float]], FloatArray]
-Applicable = Callable[[Motion], str | None]
 
 _GROWTH: Mapping[str, tuple[str, str, Callable[[Motion], FloatArray | float]]] = {
     "nothing": ("", "does not change with speed or load", lambda _: 1.0),
@@ -237,73 +210,79 @@ def cause_of(spec: Spec) -> Cause:
         return _harmonics(spec)
     if isinstance(spec, ToneSpec):
         return _tone(spec)
-    if isinstance(spec, PolynomialSpec):
-        return _polynomial(spec)
-    return _table(spec)
+    return _polynomial(spec) if isinstance(spec, PolynomialSpec) else _table(spec)
 
 
-def _angle(of: str, motion: Motion) -> FloatArray:
-    return motion.angle_rad if of == "motor" else motion.output_angle_rad
+@dataclass(frozen=True, slots=True)
+class _Angle:
+    """The angle of the motor or of the output: its values, its symbol, and a turn of it."""
+
+    of: Callable[[Motion], FloatArray]
+    symbol: str
+    a_turn: Applicable
 
 
-def _symbol(of: str) -> str:
-    return "theta_m" if of == "motor" else "theta_o"
+_ANGLES: Mapping[str, _Angle] = {
+    "motor": _Angle(lambda m: m.angle_rad, "theta_m", motor_turns(1.0)),
+    "output": _Angle(lambda m: m.output_angle_rad, "theta_o", output_turns(1.0)),
+}
 
 
-def _pairs(count: int) -> tuple[Parameter, ...]:
-    if count == 1:
-        return pair_parameters("the torque")
-    return tuple(p for k in range(1, count + 1) for p in pair_parameters(f"part {k}", f"_{k}"))
-
-
-def _sum(words: list[str]) -> str:
-    return " + ".join(f"A{i} {word}" for i, word in enumerate(words, 1))
+def _waves(
+    spec: Spec, factors: list[str], growth: str, law: tuple[str, str], **parts: Any
+) -> Cause:
+    """Return a sum of sines; `factors` are the texts of their phases."""
+    waves = [f"A{i} cos({factor} + phase{i})" for i, factor in enumerate(factors, 1)]
+    total = " + ".join(waves)
+    linear: tuple[Parameter, ...] = pair_parameters("the torque")
+    if len(waves) > 1:
+        numbers = range(1, len(waves) + 1)
+        linear = tuple(p for k in numbers for p in pair_parameters(f"part {k}", f"_{k}"))
+    equation = f"({total}){growth}" if growth else total
+    return _cause(spec, equation, law, linear=linear, **parts)
 
 
 def _harmonics(spec: HarmonicsSpec) -> Cause:
     growth, parity, envelope = _GROWTH[spec.grows_with]
     free = "order" if spec.of == "motor" else "output_order"
-    fixed = spec.orders
+    angle, fixed, ends = _ANGLES[spec.of], spec.orders, spec.order_range
 
-    def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        angle, size = _angle(spec.of, motion), envelope(motion)
+    def columns(motion: Motion, shape: Shape) -> FloatArray:
+        turned, size = angle.of(motion), envelope(motion)
         orders = fixed or [k * shape[free] for k in spec.multiples]
-        return np.hstack([pair(order * angle, size) for order in orders])
+        return np.hstack([pair(order * turned, size) for order in orders])
 
-    if fixed is not None:
-        shape: tuple[Parameter, ...] = ()
-        words = [
-            f"cos({order:g} {_symbol(spec.of)} + phase{i})" for i, order in enumerate(fixed, 1)
-        ]
-    else:
-        low, high = spec.order_range or (0.0, 0.0)
-        shape = (Parameter(free, "1", low, high, f"cycles per {spec.of} turn"),)
-        words = [
-            f"cos({k:g} {free} {_symbol(spec.of)} + phase{i})"
-            for i, k in enumerate(spec.multiples, 1)
-        ]
-    turns = motor_turns(1.0) if spec.of == "motor" else output_turns(1.0)
-    needs = all_of(turns, known_torque) if spec.grows_with.startswith("load") else turns
-    equation = f"({_sum(words)}){growth}" if growth else _sum(words)
-    return _cause(spec, equation, (spec.of, parity), shape, _pairs(len(words)), columns, needs)
+    orders = [f"{order:g}" for order in fixed or ()] or [f"{k:g} {free}" for k in spec.multiples]
+    needs = all_of(angle.a_turn, known_torque) if "load" in spec.grows_with else angle.a_turn
+    return _waves(
+        spec,
+        [f"{order} {angle.symbol}" for order in orders],
+        growth,
+        (spec.of, parity),
+        shape=() if ends is None else (Parameter(free, "1", *ends, f"cycles per {spec.of} turn"),),
+        columns=columns,
+        applicable=needs,
+    )
 
 
 def _tone(spec: ToneSpec) -> Cause:
-    fixed = spec.frequencies_hz
+    fixed, ends = spec.frequencies_hz, spec.frequency_range_hz
 
-    def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    def columns(motion: Motion, shape: Shape) -> FloatArray:
         rates = fixed or (shape["frequency_hz"],)
         return np.hstack([pair(2.0 * math.pi * rate * motion.time_s) for rate in rates])
 
-    if fixed is not None:
-        shape: tuple[Parameter, ...] = ()
-        words = [f"cos(2 pi {rate:g} Hz t + phase{i})" for i, rate in enumerate(fixed, 1)]
-    else:
-        low, high = spec.frequency_range_hz or (0.0, 0.0)
-        shape = (Parameter("frequency_hz", "Hz", low, high, "frequency of the tone"),)
-        words = ["cos(2 pi frequency_hz t + phase1)"]
-    law = ("clock", "does not depend on speed or load")
-    return _cause(spec, _sum(words), law, shape, _pairs(len(words)), columns, lasts(1.0))
+    return _waves(
+        spec,
+        [f"2 pi {rate:g} Hz t" for rate in fixed or ()] or ["2 pi frequency_hz t"],
+        "",
+        ("clock", "does not depend on speed or load"),
+        shape=()
+        if ends is None
+        else (Parameter("frequency_hz", "Hz", *ends, "frequency of the tone"),),
+        columns=columns,
+        applicable=lasts(1.0),
+    )
 
 
 def _warmth(motion: Motion) -> FloatArray:
@@ -330,45 +309,52 @@ _VARIABLES: Mapping[str, tuple[str, str, Callable[[Motion], FloatArray], Applica
 def _polynomial(spec: PolynomialSpec) -> Cause:
     symbol, unit, variable, needs = _VARIABLES[spec.over]
 
-    def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        del shape
+    def columns(motion: Motion, _: Shape) -> FloatArray:
         ratio = variable(motion) / spec.scale
         return np.column_stack([ratio**power for power in spec.powers])
 
-    linear = tuple(
-        torque_parameter(f"power_{p}_nm", f"part with power {p} at {spec.scale:g} {unit}")
-        for p in spec.powers
-    )
-    equation = " + ".join(f"c{p} ({symbol} / {spec.scale:g} {unit})^{p}" for p in spec.powers)
     signs = {"odd" if p % 2 else "even" for p in spec.powers}
-    parity = f"{' and '.join(sorted(signs))} in {spec.over}"
-    return _cause(spec, equation, (spec.over, parity), (), linear, columns, needs)
+    return _cause(
+        spec,
+        " + ".join(f"c{p} ({symbol} / {spec.scale:g} {unit})^{p}" for p in spec.powers),
+        (spec.over, f"{' and '.join(sorted(signs))} in {spec.over}"),
+        linear=tuple(
+            torque_parameter(f"power_{p}_nm", f"part with power {p} at {spec.scale:g} {unit}")
+            for p in spec.powers
+        ),
+        columns=columns,
+        applicable=needs,
+        channels=("temperature_c",) if spec.over == "temperature" else (),
+    )
 
 
 def _table(spec: TableSpec) -> Cause:
-    at, torque = np.array(spec.angle_rad), np.array(spec.torque_nm)
+    at, torque, angle = np.array(spec.angle_rad), np.array(spec.torque_nm), _ANGLES[spec.of]
 
-    def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        del shape
-        angle = np.remainder(_angle(spec.of, motion), 2.0 * math.pi)
-        return single(np.interp(angle, at, torque, period=2.0 * math.pi))
+    def columns(motion: Motion, _: Shape) -> FloatArray:
+        place = np.remainder(angle.of(motion), 2.0 * math.pi)
+        return single(np.interp(place, at, torque, period=2.0 * math.pi))
 
-    turns = motor_turns(1.0) if spec.of == "motor" else output_turns(1.0)
-    law = (spec.of, "does not change with speed or load")
-    linear = (ratio_parameter("size", "factor of the table"),)
-    equation = f"size f({_symbol(spec.of)}), f linear between {len(at)} places of a turn"
-    return _cause(spec, equation, law, (), linear, columns, turns)
+    return _cause(
+        spec,
+        f"size f({angle.symbol}), f linear between {len(at)} places of a turn",
+        (spec.of, "does not change with speed or load"),
+        linear=(ratio_parameter("size", "factor of the table"),),
+        columns=columns,
+        applicable=angle.a_turn,
+    )
 
 
 def _cause(
     spec: Spec,
     equation: str,
     law: tuple[str, str],
-    shape: tuple[Parameter, ...],
+    *,
     linear: tuple[Parameter, ...],
-    columns: Columns,
-    applicable: Applicable,
+    shape: tuple[Parameter, ...] = (),
+    **parts: Any,
 ) -> Cause:
+    """Return a cause by its equation and its law: what it follows, and its parity."""
     return Cause(
         name=spec.name,
         equation=equation,
@@ -380,9 +366,7 @@ def _cause(
         look_alikes=spec.look_alikes,
         experiment=spec.experiment,
         source=spec.source,
-        columns=columns,
-        harmonic=[parameter.name for parameter in linear] == ["cosine_nm", "sine_nm"],
-        applicable=applicable,
-        channels=("temperature_c",) if law[0] == "temperature" else (),
+        harmonic=is_harmonic(linear),
         definition=spec.model_dump(mode="json", exclude_none=True),
+        **parts,
     )

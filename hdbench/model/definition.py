@@ -173,6 +173,11 @@ class CauseTerm:
     covariance: tuple[tuple[float, ...], ...] | None = None
 
 
+def is_harmonic(linear: tuple[Parameter, ...]) -> bool:
+    """Return whether parameters are one cosine and its sine."""
+    return [parameter.name for parameter in linear] == ["cosine_nm", "sine_nm"]
+
+
 def shape_bounds(cause: Cause, motion: Motion) -> dict[str, tuple[tuple[float, float], ...]]:
     """Return where each shape parameter can lie on this record.
 

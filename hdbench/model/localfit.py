@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -53,18 +54,13 @@ def fit_derivative(
     A. Savitzky and M. J. E. Golay, Analytical Chemistry 36 (1964) 1627,
     doi:10.1021/ac60214a047.
     """
-    result = np.full(len(time_s), np.nan)
-    present = np.flatnonzero(np.isfinite(values))
-    if len(present) < 2:
+    result, residual = np.full((2, len(time_s)), np.nan)
+    period, half = 0.0, 0
+    for at, period in _stretches(time_s, values):
+        half = _half_width(window_s, period)
+        result[at], residual[at] = _segment(time_s[at], values[at], half, degree, derivative)
+    if not half:
         return LocalFit(result, float("nan"))
-    time, samples = time_s[present], values[present]
-    period = float(np.median(np.diff(time)))
-    half = max(round(0.5 * window_s / period), _MIN_HALF_WIDTH)
-    residual = np.full(len(present), np.nan)
-    for part in segments(time, period):
-        slope, rest = _segment(time[part], samples[part], half, degree, derivative)
-        result[present[part]] = slope
-        residual[part] = rest
     grid = period * np.arange(-half, half + 1, dtype=np.float64)
     value_row, slope_row = _rows(grid, degree, derivative)
     spare = np.sqrt(max(1.0 - float(value_row[half]), 0.0))
@@ -76,16 +72,26 @@ def fit_derivative(
 def smoothed(time_s: FloatArray, values: FloatArray, *, degree: int, window_s: float) -> FloatArray:
     """Smooth by a polynomial fitted to the samples around each sample."""
     result = np.array(values, dtype=np.float64)
+    for at, period in _stretches(time_s, values):
+        half = _half_width(window_s, period)
+        _, rest = _segment(time_s[at], values[at], half, degree, 1)
+        result[at] -= np.where(np.isfinite(rest), rest, 0.0)
+    return result
+
+
+def _stretches(time_s: FloatArray, values: FloatArray) -> Iterator[tuple[NDArray[np.intp], float]]:
+    """Yield the places of the samples of every stretch without a gap, and the median period."""
     present = np.flatnonzero(np.isfinite(values))
     if len(present) < 2:
-        return result
-    time, samples = time_s[present], values[present]
+        return
+    time = time_s[present]
     period = float(np.median(np.diff(time)))
-    half = max(round(0.5 * window_s / period), _MIN_HALF_WIDTH)
     for part in segments(time, period):
-        _, rest = _segment(time[part], samples[part], half, degree, 1)
-        result[present[part]] = samples[part] - np.where(np.isfinite(rest), rest, 0.0)
-    return result
+        yield present[part], period
+
+
+def _half_width(window_s: float, period_s: float) -> int:
+    return max(round(0.5 * window_s / period_s), _MIN_HALF_WIDTH)
 
 
 def _rows(offsets: FloatArray, degree: int, derivative: int) -> tuple[FloatArray, FloatArray]:
@@ -173,21 +179,13 @@ def _scattered(
 
 # a spline of degree 5 through all samples: 0.3 % off at a quarter of the sampling rate
 _DEGREE: Final = 5
-# time stamps this close to a uniform grid (relative to the period) move a value by as little
-_UNIFORM = 1e-6
 
 
 def delayed(time_s: FloatArray, values: FloatArray, delay_s: float) -> FloatArray:
     """Return a signal as it was a delay ago."""
-    result = np.full(len(time_s), np.nan)
-    present = np.flatnonzero(np.isfinite(values))
-    if len(present) < 2:
-        result[present] = values[present]
-        return result
-    time, samples = time_s[present], values[present]
-    period = float(np.median(np.diff(time)))
-    for part in segments(time, period):
-        result[present[part]] = _shifted(time[part], samples[part], delay_s)
+    result = np.where(np.isfinite(values), values, np.nan)
+    for at, _ in _stretches(time_s, values):
+        result[at] = _shifted(time_s[at], values[at], delay_s)
     return result
 
 

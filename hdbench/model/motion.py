@@ -205,6 +205,11 @@ class Motion:
         return len(self.time_s)
 
 
+def turns_of(angle_rad: FloatArray, motion: Motion) -> float:
+    """Return the span of an angle over the valid samples, turns."""
+    return float(np.ptp(angle_rad[motion.valid])) / (2.0 * np.pi) if motion.valid.any() else 0.0
+
+
 def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
     """Return the motion that a trace holds.
 

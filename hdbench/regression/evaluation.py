@@ -69,8 +69,7 @@ def _filtered(
     torque_nm = filter_trace(
         _in_nm(trace, scale),
         model,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+        profile.data,
     ).torque_filtered_nm
     good = torque_nm[np.isfinite(torque_nm)]
     at = np.linspace(0, len(good) - 1, min(_POINTS, len(good))).astype(int)

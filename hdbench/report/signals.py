@@ -121,8 +121,7 @@ def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> Filtered:
     block = filter_trace(
         trace,
         model,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+        profile.data,
     )
     return Filtered(model, block.torque_filtered_nm, online=False)
 

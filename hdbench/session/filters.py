@@ -18,7 +18,7 @@ from hdbench.records.jsonfile import read_json
 from hdbench.records.trace import Trace
 
 if TYPE_CHECKING:
-    from hdbench.filter import Channels, TuningResult, TuningSettings
+    from hdbench.filter import TuningResult, TuningSettings
 
 
 # name of the filter that is tuned on the very input
@@ -42,16 +42,6 @@ def choose_filter(
     return build_filter_model(base, ripple=None, misalignment=result, calibration=None)
 
 
-def trace_channels(trace: Trace, profile: Profile, *, use_measured_angle: bool) -> Channels:
-    """Return the channels that a filter reads of a trace."""
-    return filter_channels(
-        trace,
-        use_measured_angle=use_measured_angle,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
-    )
-
-
 def tune_traces(
     profile: Profile,
     base: FilterModel,
@@ -63,7 +53,7 @@ def tune_traces(
     from hdbench.filter import tune
     from hdbench.filter.tuning.run import settings_of
 
-    channels = [trace_channels(trace, profile, use_measured_angle=True) for trace in traces]
+    channels = [filter_channels(trace, profile.data, use_measured_angle=True) for trace in traces]
     measured = replace(base, use_measured_angle=True)
     return tune(measured, channels, settings or settings_of(profile.data), origins=dict(origins))
 

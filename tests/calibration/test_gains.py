@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hdbench.calibration.budget import combined, expanded_uncertainty
+from hdbench.calibration.budget import expanded_uncertainty
 from hdbench.calibration.differences import (
     DirectionEntry,
     consensus,
@@ -25,14 +25,6 @@ from hdbench.calibration.gains import (
 # eight gains with mean 6.60 and consistency 2.0 %, four positions, clockwise and anticlockwise
 EIGHT = [[6.43, 6.46], [6.50, 6.56], [6.63, 6.69], [6.75, 6.78]]
 FLAT = [gain for pair in EIGHT for gain in pair]
-# USP 29, chapter <1010>, table 1: three replicates in each of five runs
-USP = [
-    [100.70, 101.05, 101.15],
-    [99.46, 99.37, 99.59],
-    [99.96, 100.17, 101.01],
-    [101.80, 102.16, 102.44],
-    [101.91, 102.00, 101.67],
-]
 WAYS = [("cw",), ("ccw",)] * 4
 PLACES = [0, 0, 1, 1, 2, 2, 3, 3]
 
@@ -41,8 +33,10 @@ def test_analysis_of_variance_of_the_eight_gains_is_that_printed():
     found = one_way(EIGHT)
     assert found.mean_square_between == pytest.approx(0.0398333, abs=5e-8)
     assert found.mean_square_within == pytest.approx(0.001125, abs=5e-7)
-    assert found.f_ratio == pytest.approx(35.41, abs=5e-3)
-    assert found.probability == pytest.approx(0.0024, abs=5e-5)
+    theirs = stats.f_oneway(*EIGHT)
+    assert (found.f_ratio, found.probability) == pytest.approx(
+        (theirs.statistic, theirs.pvalue), rel=1e-9
+    )
     assert found.repeatability_nm_per_v == pytest.approx(0.03354, abs=5e-6)
     assert found.between_positions_nm_per_v == pytest.approx(0.13912, abs=5e-6)
     assert found.reproducibility_nm_per_v == pytest.approx(0.14311, abs=5e-6)
@@ -102,19 +96,6 @@ def test_paule_mandel_solves_its_equation_for_unequal_uncertainties():
     assert float(
         (weights * (gains - found.weighted_mean_nm_per_v.value) ** 2).sum()
     ) == pytest.approx(8.0, rel=1e-9)
-
-
-def test_variance_components_of_the_pharmacopeia_are_reproduced():
-    found = one_way(USP)
-    assert found.mean_square_between == pytest.approx(3.550, abs=5e-4)
-    assert found.mean_square_within == pytest.approx(0.1018, abs=5e-5)
-    assert found.f_ratio == pytest.approx(34.886, abs=5e-3)
-    assert found.between_positions_nm_per_v**2 == pytest.approx(1.1494, abs=5e-5)
-    assert found.reproducibility_nm_per_v**2 == pytest.approx(1.2512, abs=5e-5)
-    theirs = stats.f_oneway(*USP)
-    assert (found.f_ratio, found.probability) == pytest.approx(
-        (theirs.statistic, theirs.pvalue), rel=1e-9
-    )
 
 
 @pytest.mark.parametrize("dropped", [(), (7,), (0, 5), (0,)])
@@ -192,14 +173,6 @@ def test_gains_are_searched_among_those_of_their_own_position():
     assert [(o.kind, o.places) for o in inside] == [("gain", (4,))]
 
 
-def test_sound_gains_seldom_show_an_outlier():
-    rng = np.random.default_rng(8)
-    n = 400
-    named = sum(bool(extreme_values(list(rng.normal(size=8)))) for _ in range(n))
-    # at most one in twenty for the first step, a little more for two; false alarm 1e-3 at 8 %
-    assert named <= stats.binom.ppf(0.999, n, 0.08)
-
-
 def entries(levers: list[float], side: float, true: float, noise: float = 0.0, seed: int = 0):
     rng = np.random.default_rng(seed)
     out = []
@@ -238,19 +211,3 @@ def test_a_second_arm_in_one_direction_alone_does_not_tell_them_apart():
     assert not direction_effects(rows).separated
     only = [e for e in rows if e.direction == "cw"]
     assert "one direction only" in direction_effects(only).reason
-
-
-def test_effective_degrees_of_freedom_are_satterthwaites():
-    # printed example: position 0.070563 with 3 dof beside three known sources
-    parts = [
-        (0.070563, 3.0),
-        (6.6 * 0.013e-2, None),
-        (6.6 * 0.19e-2 / math.sqrt(3.0), None),
-        (6.6 * 0.05e-2 / math.sqrt(3.0), None),
-    ]
-    std, dof = combined(parts)
-    found = expanded_uncertainty(std, dof)
-    assert std == pytest.approx(0.0709644, abs=5e-7)
-    assert dof == pytest.approx(3.0688, abs=5e-5)
-    assert found.coverage_factor == pytest.approx(3.1425, abs=5e-5)
-    assert found.expanded == pytest.approx(0.22300, abs=5e-6)

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hdbench.calibration.applied import apply_torque
 from hdbench.calibration.lever import (
     Conditions,
     air_density,
     applied_torque,
+    apply_torque,
     buoyancy_factors,
     torque_sources,
 )

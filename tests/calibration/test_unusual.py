@@ -6,40 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from worked_example import calibration, experiment
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.gains import plain_mean
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
-from hdbench.records import LoadReading, Loads
+from hdbench.records import Loads
 from hdbench.records.loads import read_loads
 from hdbench.report.calibration.section import tables, verdict
 
 ARM = load_profile("cim-tr-97-06").data.arm
-STEPS = (0.0, 10.0, 20.0, 30.0, 40.0)
-
-
-def experiment(name, gain, *, position=0.0, way="cw", steps=STEPS, noise=None, loop=0.0):
-    """Return the readings of one experiment, the loop in N m at half load."""
-    sign = 1.0 if way == "cw" else -1.0
-    out = []
-    for branch, torques in (("up", steps), ("down", steps[::-1])):
-        for torque in torques:
-            share = torque / max(steps)
-            lag = 4.0 * loop * share * (1.0 - share) if branch == "down" else 0.0
-            volts = sign * (torque + lag) / gain + 0.01
-            volts += 0.0 if noise is None else 0.001 * noise.normal()
-            out.append(LoadReading(name, position, "full", way, branch, sign * torque, volts))
-    return out
-
-
-def calibration(gains=(6.5, 6.6, 6.7, 6.65), **more):
-    return [
-        reading
-        for place, gain in enumerate(gains)
-        for way in ("cw", "ccw")
-        for reading in experiment(f"{place}-{way}", gain, position=1.5 * place, way=way, **more)
-    ]
 
 
 def found(readings, **columns):

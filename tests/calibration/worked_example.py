@@ -79,3 +79,32 @@ def masses(positions: int = 4, **more: object) -> Loads:
                         )
                     )  # fmt: skip
     return Loads(tuple(rows))
+
+
+STEPS = (0.0, 10.0, 20.0, 30.0, 40.0)
+
+
+def experiment(
+    name, gain, *, position=0.0, way="cw", steps=STEPS, noise=None, noise_v=0.001, loop=0.0
+):
+    """Return the readings of one experiment, the loop in N m at half load."""
+    sign = 1.0 if way == "cw" else -1.0
+    out = []
+    for branch, torques in (("up", steps), ("down", steps[::-1])):
+        for torque in torques:
+            share = torque / max(steps)
+            lag = 4.0 * loop * share * (1.0 - share) if branch == "down" else 0.0
+            volts = sign * (torque + lag) / gain + 0.01
+            volts += 0.0 if noise is None else noise_v * noise.normal()
+            out.append(LoadReading(name, position, "full", way, branch, sign * torque, volts))
+    return out
+
+
+def calibration(gains=(6.5, 6.6, 6.7, 6.65), **more):
+    """Return the readings of one experiment of each direction at each position."""
+    return [
+        reading
+        for place, gain in enumerate(gains)
+        for way in ("cw", "ccw")
+        for reading in experiment(f"{place}-{way}", gain, position=1.5 * place, way=way, **more)
+    ]

@@ -86,7 +86,9 @@ def test_a_restored_state_goes_on_with_the_same_bits(kernel, model, cut):
 
 
 @pytest.mark.parametrize(
-    "state", [[0.0, 1.0], np.full(23, np.nan), np.zeros(60)], ids=["short", "nan", "long"]
+    "state",
+    [[0.0, 1.0], np.full(23, np.nan), np.zeros(60), OnlineFilter(GUARDED).state()],
+    ids=["short", "nan", "long", "screened"],
 )
 def test_a_foreign_state_is_refused(state):
     with pytest.raises(DataError, match="filter state"):
@@ -202,9 +204,6 @@ def test_channels_of_different_length_are_refused(kernel):
         OnlineFilter(MODEL, kernel=kernel).process([[0.0]], [0.0], [0.0])
 
 
-GAIN = 56.2565
-
-
 def trace(**columns):
     t, v, y, _ = motion(300)
     return Trace({"time_s": t, "torque_nm": y, "motor_velocity_rad_s": v, **columns}, "here.csv")
@@ -214,9 +213,9 @@ def test_the_tacho_serves_where_there_is_no_velocity(bench):
     model = preset("report-6", bench)
     stored = trace()
     columns = dict(stored.columns)
-    columns["tacho_v"] = columns.pop("motor_velocity_rad_s") / GAIN
-    found = filter_trace(Trace(columns), model, velocity_gain_rad_s_per_v=GAIN)
-    wanted = filter_trace(stored, model, velocity_gain_rad_s_per_v=GAIN)
+    columns["tacho_v"] = columns.pop("motor_velocity_rad_s") / bench.tacho.gain_rad_s_per_v
+    found = filter_trace(Trace(columns), model, bench)
+    wanted = filter_trace(stored, model, bench)
     # one division and one product of rounding in the velocity
     assert_allclose(found.torque_filtered_nm, wanted.torque_filtered_nm, rtol=0.0, atol=1e-9)
 
@@ -224,15 +223,14 @@ def test_the_tacho_serves_where_there_is_no_velocity(bench):
 def test_angle_or_encoder_serves_where_the_model_asks_for_it(bench):
     model = replace(preset("report-6", bench), use_measured_angle=True)
     count = np.round(np.linspace(0.0, 9000.0, 300))
-    angle = count * (2.0 * np.pi / 4000)
-    by_angle = filter_trace(trace(motor_angle_rad=angle), model, velocity_gain_rad_s_per_v=GAIN)
+    angle = count * (2.0 * np.pi / bench.encoder.counts_per_turn)
+    by_angle = filter_trace(trace(motor_angle_rad=angle), model, bench)
     by_count = filter_trace(
         trace(encoder_count=count),
         model,
-        velocity_gain_rad_s_per_v=GAIN,
-        encoder_counts_per_turn=4000,
+        bench,
     )
-    by_velocity = filter_trace(trace(), model, velocity_gain_rad_s_per_v=GAIN)
+    by_velocity = filter_trace(trace(), model, bench)
     assert_array_equal(by_angle.torque_filtered_nm, by_count.torque_filtered_nm)
     assert np.abs(by_angle.torque_filtered_nm - by_velocity.torque_filtered_nm).max() > 1e-3
 
@@ -242,9 +240,7 @@ def test_a_missing_channel_is_named(bench, name):
     columns = dict(trace().columns)
     del columns[name]
     with pytest.raises(DataError, match=name) as caught:
-        filter_trace(
-            Trace(columns, "here.csv"), preset("report-6", bench), velocity_gain_rad_s_per_v=GAIN
-        )
+        filter_trace(Trace(columns, "here.csv"), preset("report-6", bench), bench)
     assert "here.csv" in caught.value.where
 
 
@@ -252,6 +248,6 @@ def test_a_time_that_steps_back_names_file_and_sample(bench):
     stored = trace()
     stored.time_s[100] = stored.time_s[99]
     with pytest.raises(DataError) as caught:
-        filter_trace(stored, preset("report-6", bench), velocity_gain_rad_s_per_v=GAIN)
+        filter_trace(stored, preset("report-6", bench), bench)
     assert "here.csv" in caught.value.where
     assert "sample 100" in caught.value.where

@@ -2,7 +2,9 @@
 
 import pytest
 
-from hdbench.gauges import GaugedBench, GridGeometry, StrainField, Wave, gauged_bench, layout_named
+from hdbench.gauges import GridGeometry, gauged_bench, layout_named
+from hdbench.gauges.misplacement import GaugedBench
+from hdbench.gauges.strain import StrainField, Wave
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ProfileData
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from network import bridge_output
 
-from hdbench.gauges import PlacementErrors, bridge_ratio, grid_strain, torque_reading
+from hdbench.gauges.strain import PlacementErrors, bridge_ratio, grid_strain, torque_reading
 
 
 @pytest.mark.parametrize("rosettes", [2, 4])

@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 
 from hdbench.errors import UsageError
-from hdbench.gauges import (
-    LAYOUTS,
-    PlacementErrors,
-    Tolerance,
-    Wave,
-    cancellation,
-    closed_form_ripple,
-    off_centre,
-    placement_effects,
-    tabulate_errors,
-)
+from hdbench.gauges import Tolerance, tabulate_errors
+from hdbench.gauges.layout import LAYOUTS, cancellation
+from hdbench.gauges.misplacement import closed_form_ripple, placement_effects
+from hdbench.gauges.strain import PlacementErrors, Wave, off_centre
 
 # the bridge's own nonlinearity at 200 microstrain: K e = 4e-4 of the wave it multiplies
 BRIDGE = 1e-3

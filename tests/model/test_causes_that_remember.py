@@ -199,28 +199,10 @@ def test_two_knees_of_a_spring_are_torque_beyond_them(make_motion):
     np.testing.assert_allclose(both, 2.0 * got, rtol=0, atol=1e-9)
 
 
-def test_a_skew_is_minus_the_slope_of_the_whole_signal(make_motion):
-    time = np.arange(2000) * 1e-3
-    rate = 2 * math.pi * np.array([3.0, 40.0, 160.0])
-    signal = np.sin(np.outer(time, rate)).sum(axis=1)
-    slope = (np.cos(np.outer(time, rate)) * rate).sum(axis=1)
-    motion = make_motion(2000, time_s=time, simulated_nm=signal)
-    got = column("time-skew", motion, delay_s=0.0)[:, 0]
-    # a spline of degree 5 is 1e-3 off at a sixth of the sampling rate; at an end it sees one side
-    np.testing.assert_allclose(got[20:-20], -slope[20:-20], rtol=0, atol=1e-3 * rate[2])
-    slow = make_motion(2000, time_s=time, simulated_nm=None, load_torque_nm=np.sin(20.0 * time),
-                       inertia_nm_s2=0.0)  # fmt: skip
-    want = -20.0 * np.cos(20.0 * time)
-    got = column("time-skew", slow, delay_s=0.0)[:, 0]
-    # a shift by 1e-7 s: half of it times the curvature of 400 N m/s^2
-    np.testing.assert_allclose(got[20:-20], want[20:-20], rtol=0, atol=3e-5)
-
-
-@pytest.mark.parametrize("delay", [0.0031, -0.0004, 0.00005])
-def test_a_long_skew_is_the_signal_at_another_time(delay, make_motion):
+@pytest.mark.parametrize("delay", [0.0, 0.0031, -0.0004, 0.00005])
+def test_a_skew_is_the_signal_at_another_time(delay, make_motion):
     time = np.arange(3000) * 1e-3
     rate = 2 * math.pi * np.array([3.0, 40.0, 160.0])
-
     phases = np.array([0.3, 1.0, 2.0])
 
     def signal(at: Array) -> Array:
@@ -228,9 +210,21 @@ def test_a_long_skew_is_the_signal_at_another_time(delay, make_motion):
 
     motion = make_motion(3000, time_s=time, simulated_nm=signal(time))
     got = column("time-skew", motion, delay_s=delay)[:, 0]
-    want = (signal(time - delay) - signal(time)) / delay
-    # 1e-3 of the fastest part, as far as the delay turns it
+    if delay:
+        want = (signal(time - delay) - signal(time)) / delay
+    else:
+        want = -(np.cos(np.outer(time, rate) + phases) * rate).sum(axis=1)
+    # a spline of degree 5 is 1e-3 of the fastest part off, as far as the delay turns it
     np.testing.assert_allclose(got[30:-30], want[30:-30], rtol=0, atol=1e-3 * rate[2])
+
+
+def test_without_a_simulated_torque_a_skew_acts_on_the_load(make_motion):
+    time = np.arange(2000) * 1e-3
+    load = np.sin(20.0 * time)
+    slow = make_motion(2000, time_s=time, load_torque_nm=load, inertia_nm_s2=0.0)
+    got = column("time-skew", slow, delay_s=0.0)[:, 0]
+    # a shift by 1e-7 s: half of it times the curvature of 400 N m/s^2
+    np.testing.assert_allclose(got[20:-20], -20.0 * np.cos(20.0 * time)[20:-20], rtol=0, atol=3e-5)
 
 
 def test_a_skew_is_formed_on_either_side_of_a_gap_alone(make_motion):

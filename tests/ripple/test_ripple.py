@@ -131,9 +131,7 @@ def test_suppression_is_the_ratio_of_the_components_before_and_after_the_filter(
         trace, BENCH, scale=scale(), filter_model=model, stretch=Stretch(from_s=2.0)
     )
     torque = 6.6 * trace["torque_v"]
-    filtered = filter_trace(
-        trace.with_columns(torque_nm=torque), model, velocity_gain_rad_s_per_v=56.2565
-    ).torque_filtered_nm
+    filtered = filter_trace(trace.with_columns(torque_nm=torque), model, BENCH).torque_filtered_nm
     # 6912 samples hold 440 cycles of 400 rad/s to 3e-3 of one: plain demodulation
     part = slice(2000, 2000 + round(440 * 2.0 * np.pi / 400.0 / 0.001))
     turn = np.exp(-4j * trace["motor_angle_rad"][part])

@@ -50,7 +50,7 @@ def test_filtering_the_stored_trace_gives_the_online_bits(
     folder = runs[kind].folder
     trace = read_trace(folder.trace)
     stored = FilterModel.from_dict(folder.manifest["filter"], source="run.json")
-    again = filter_trace(trace, stored, velocity_gain_rad_s_per_v=bench.data.tacho.gain_rad_s_per_v)
+    again = filter_trace(trace, stored, bench.data)
     np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
 
 

@@ -103,7 +103,7 @@ def test_motion_that_was_broken_off_is_taken_again_and_its_samples_are_kept(
     broken_off = read_trace(path / "trace-broken-off-1.csv")
     assert len(broken_off) == first
     stored = FilterModel.from_dict(outcome.folder.manifest["filter"], source="run.json")
-    again = filter_trace(trace, stored, velocity_gain_rad_s_per_v=bench.data.tacho.gain_rad_s_per_v)
+    again = filter_trace(trace, stored, bench.data)
     np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
     assert verify_run(path).ok
 
@@ -172,7 +172,6 @@ def test_of_a_plan_with_loads_only_the_acquisition_that_was_broken_off_is_taken_
     np.testing.assert_array_equal(trace["torque_v"][:1000], first["torque_v"][:1000])
     assert np.all(np.diff(trace["time_s"]) > 0.0)
     model = FilterModel.from_dict(RunFolder.open(path).manifest["filter"], source="run.json")
-    gain = bench.data.tacho.gain_rad_s_per_v
-    again = filter_trace(trace, model, velocity_gain_rad_s_per_v=gain)
+    again = filter_trace(trace, model, bench.data)
     np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
     assert len(read_trace(path / "trace-broken-off-1.csv")) == len(first) - 1000

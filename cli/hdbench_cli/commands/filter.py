@@ -62,10 +62,10 @@ def _filtered(
     **scaling: Any,
 ) -> dict[str, Any]:
     """Filter one stored trace and write the result."""
-    from hdbench.filter import filter_trace, filtered_columns
+    from hdbench.filter import filter_channels, filter_trace, filtered_columns
     from hdbench.filter.orders import smooth_channels
     from hdbench.records import result_header, write_trace
-    from hdbench.session.filters import choose_filter, trace_channels
+    from hdbench.session.filters import choose_filter
 
     profile = choose_profile(profile_name, source)
     tuned = filter_name == "tuned"
@@ -78,8 +78,7 @@ def _filtered(
     block = filter_trace(
         trace,
         model,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+        profile.data,
     )
     body = {
         **result_header("filter", profile),
@@ -90,7 +89,7 @@ def _filtered(
     }
     written = filtered_columns(trace, block)
     if smooth:
-        channels = trace_channels(trace, profile, use_measured_angle=model.use_measured_angle)
+        channels = filter_channels(trace, profile.data, use_measured_angle=model.use_measured_angle)
         smoothed = smooth_channels(model, channels)
         written, body["orders"] = smoothed_columns(written, smoothed), smoothed_summary(smoothed)
     if compare:
@@ -99,8 +98,8 @@ def _filtered(
         found = _compared(trace, best, profile)
         if plot is not None:
             _draw(plot, trace, found)
-        others = [row for row in found.contenders if row.name != "raw"]
-        written = written.with_columns(**{f"torque_{row.name}_nm": row.torque_nm for row in others})
+        others = {name: torque for name, torque in found.torque_nm.items() if name != "raw"}
+        written = written.with_columns(**{f"torque_{name}_nm": x for name, x in others.items()})
         body["comparison"] = found.to_dict()
     write_trace(out, written)
     return body
@@ -252,13 +251,12 @@ def smoothed_summary(smoothed: SmoothedTorque) -> list[dict[str, Any]]:
 
 def _compared(trace: Trace, tuned: FilterModel, profile: Profile) -> Comparison:
     """Run raw, low-pass, the report's tuning, the tuned model and its smoother side by side."""
-    from hdbench.filter import preset
+    from hdbench.filter import filter_channels, preset
     from hdbench.filter.comparison import compare_filters
-    from hdbench.session.filters import trace_channels
 
     settings = profile.data.filter
     return compare_filters(
-        trace_channels(trace, profile, use_measured_angle=True),
+        filter_channels(trace, profile.data, use_measured_angle=True),
         {"report": preset("report-6", profile.data)},
         tuned,
         truth_nm=trace.columns.get(_TRUTH),
@@ -270,7 +268,7 @@ def _draw(path: Path, trace: Trace, comparison: Comparison) -> None:
     """Draw the contenders over time."""
     from hdbench.report.plots import plot_comparison
 
-    torques = {row.name: row.torque_nm for row in comparison.contenders}
+    torques = dict(comparison.torque_nm)
     if _TRUTH in trace:
         torques = {"truth": trace[_TRUTH], **torques}
     plot_comparison(path, trace.time_s, torques)

@@ -62,9 +62,10 @@ def _orders(
     **scaling: Any,
 ) -> dict[str, Any]:
     """Return the result of one input, and write its files."""
+    from hdbench.filter import filter_channels
     from hdbench.filter.orders import order_map, order_spectrum, smooth_channels
     from hdbench.records import Trace, result_header, write_trace
-    from hdbench.session.filters import choose_filter, trace_channels
+    from hdbench.session.filters import choose_filter
 
     files = {"orders": out, "map": map_file, "plot": plot}
     profile = choose_profile(profile_name, source)
@@ -74,7 +75,9 @@ def _orders(
             check_out(target, source, item.file)
     named = filter_name not in (None, "tuned")
     model = choose_filter(profile, filter_name) if named else tuned_on(item, profile)
-    channels = trace_channels(item.trace, profile, use_measured_angle=model.use_measured_angle)
+    channels = filter_channels(
+        item.trace, profile.data, use_measured_angle=model.use_measured_angle
+    )
     spectrum = order_spectrum(channels, channels.torque_nm, highest_order=max_order)
     found = order_map(channels, channels.torque_nm, highest_order=max_order)
     smoothed = smooth_channels(model, channels)

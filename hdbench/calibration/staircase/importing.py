@@ -24,87 +24,50 @@ from hdbench.records.loads import LoadReading, Loads, read_loads, write_loads
 from hdbench.records.storage import publish, staged_path
 from hdbench.records.trace import FloatArray
 
-_PLACE = ("experiment", "position_rad", "range", "direction")
+# what a staircase belongs to where nobody says otherwise, and the words that two keys take
+_PLACE = {"experiment": "staircase", "position_rad": "0", "range": "full", "direction": "cw"}
 _WORDS = {"range": ("low", "full"), "direction": ("cw", "ccw")}
 # kg of each unit of load that is a mass; the avoirdupois pound is exact by definition (1959)
 _KILOGRAM = {"kg": 1.0, "lb": 0.45359237}
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """What a staircase belongs to.
-
-    Parameters
-    ----------
-    experiment : str
-        Identifier.
-    position_rad : float
-        Flexspline position, rad.
-    range : str
-        ``low`` or ``full``.
-    direction : str
-        ``cw`` or ``ccw``.
-    """
-
-    experiment: str = "staircase"
-    position_rad: float = 0.0
-    range: str = "full"
-    direction: str = "cw"
+# of a plateau, as they stand in its JSON
+_SHOWN = ("start_s", "end_s", "mean", "std", "n", "slope_per_s", "autocorrelation")
+# experiment, position in rad, range and direction
+_Place = tuple[str, float, str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class StaircasePlan:
-    """What comes from where.
+    """What comes from where."""
 
-    Parameters
-    ----------
-    maps : tuple of Entry
-        ``time_s`` and ``reading_v``.
-    constants : tuple of Entry
-        ``experiment``, ``position_rad``, ``range``, ``direction``; each has a default.
-    loads : tuple of float
-        Loads in the order in which they were hung.
-    unit : str
-        ``nm``, ``kg`` or ``lb``.
-    least_s : float
-        Shortest plateau, s.
-    rate_hz : float or None
-        Sample rate where there is no time column, Hz.
-    layout : ForeignFormat
-        How the file is laid out.
-    """
-
+    # `time_s` and `reading_v`
     maps: tuple[Entry, ...]
+    # `experiment`, `position_rad`, `range`, `direction`; each has a default
     constants: tuple[Entry, ...]
+    # loads in the order in which they were hung
     loads: tuple[float, ...]
+    # `nm`, `kg` or `lb`
     unit: str = "nm"
+    # shortest plateau, s
     least_s: float = 3.0
+    # sample rate where there is no time column, Hz
     rate_hz: float | None = None
+    # how the file is laid out
     layout: ForeignFormat = field(default_factory=ForeignFormat)
 
 
 @dataclass(frozen=True, slots=True)
 class StaircaseReport:
-    """What was found and written; it was read back before this was made.
+    """What was found and written; it was read back before this was made."""
 
-    Parameters
-    ----------
-    out : Path
-        The new loads file.
-    stairs : Staircase
-        Plateaus and excluded samples.
-    loads : tuple of float
-        Load of each plateau, in `unit`.
-    unit : str
-        Unit of the loads.
-    n_samples : int
-        Samples of the trace.
-    """
-
+    # the new loads file
     out: Path
+    # plateaus and excluded samples
     stairs: Staircase
+    # load of each plateau, in `unit`
     loads: tuple[float, ...]
+    # unit of the loads
     unit: str
+    # samples of the trace
     n_samples: int
 
     def slope(self) -> float:
@@ -134,17 +97,11 @@ class StaircaseReport:
 
 
 def _plateau_dict(plateau: Plateau, load: float) -> dict[str, Any]:
+    stuck = 0 if plateau.stuck_kept else len(plateau.stuck_at_s)
     return {
         "load": load,
-        "start_s": plateau.start_s,
-        "end_s": plateau.end_s,
-        "mean": plateau.mean,
-        "std": plateau.std,
-        "n": plateau.n,
-        "slope_per_s": plateau.slope_per_s,
-        "autocorrelation": plateau.autocorrelation,
-        "n_excluded": len(plateau.glitches_at_s)
-        + (0 if plateau.stuck_kept else len(plateau.stuck_at_s)),
+        **{name: getattr(plateau, name) for name in _SHOWN},
+        "n_excluded": len(plateau.glitches_at_s) + stuck,
         "stood_still": plateau.stuck_kept,
     }
 
@@ -197,7 +154,7 @@ def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> St
 
 
 def _place(constants: Sequence[Entry]) -> _Place:
-    given: dict[str, Any] = {}
+    given = dict(_PLACE)
     for entry in constants:
         if entry.target not in _PLACE:
             raise UsageError(
@@ -213,9 +170,7 @@ def _place(constants: Sequence[Entry]) -> _Place:
                 fix=f"needed: {' or '.join(allowed)}",
             )
         given[entry.target] = entry.text
-    if "position_rad" in given:
-        given["position_rad"] = _angle(given["position_rad"])
-    return _Place(**given)
+    return (given["experiment"], _angle(given["position_rad"]), given["range"], given["direction"])
 
 
 def _angle(text: str) -> float:
@@ -280,17 +235,14 @@ def _staircase_loads(
     found = stairs.plateaus
     _check(found, loads, source)
     top = max(range(len(loads)), key=lambda k: loads[k])
-    sign = 1.0 if place.direction == "cw" else -1.0
+    sign = 1.0 if place[3] == "cw" else -1.0
     readings = []
     for k, (plateau, load) in enumerate(zip(found, loads, strict=True)):
         mass = None if unit == "nm" else load * _KILOGRAM[unit]
         torque = load if mass is None else mass * arm.gravity_m_s2 * arm.length_m
         readings.append(
             LoadReading(
-                place.experiment,
-                place.position_rad,
-                place.range,
-                place.direction,
+                *place,
                 "up" if k <= top else "down",
                 sign * torque,
                 plateau.mean,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.estimation.stretches import true_runs
 from hdbench.records.trace import FloatArray
 
 # share of the whole range by which two halves of a window may differ on a plateau, and two
@@ -31,55 +32,37 @@ _STUCK = 30
 
 @dataclass(frozen=True, slots=True)
 class Plateau:
-    """One load's readings.
+    """One load's readings."""
 
-    Parameters
-    ----------
-    start_s, end_s : float
-        Where its average begins and ends, s.
-    mean, std : float
-        Mean and standard deviation of the samples averaged, unit of the trace.
-    n : int
-        Samples averaged.
-    slope_per_s : float
-        Slope over the average, unit per s.
-    autocorrelation : float
-        Lag-1 autocorrelation of the samples averaged.
-    glitches_at_s, stuck_at_s : tuple of float
-        Times of glitches and of stuck samples between its ends, s.
-    stuck_kept : bool
-        Whether stuck samples are in the average, because more than half of the plateau stood still.
-    """
-
+    # where its average begins and ends, s
     start_s: float
     end_s: float
+    # mean and standard deviation of the samples averaged, unit of the trace
     mean: float
     std: float
+    # samples averaged
     n: int
+    # slope over the average, unit per s
     slope_per_s: float
+    # lag-1 autocorrelation of the samples averaged
     autocorrelation: float
+    # times of glitches and of stuck samples between its ends, s
     glitches_at_s: tuple[float, ...]
     stuck_at_s: tuple[float, ...]
+    # whether stuck samples are in the average, because more than half of the plateau stood still
     stuck_kept: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Staircase:
-    """All plateaus of a trace, and the samples that none may use.
+    """All plateaus of a trace, and the samples that none may use."""
 
-    Parameters
-    ----------
-    plateaus : tuple of Plateau
-        In the order of time.
-    glitches_at_s, stuck_at_s : tuple of float
-        Times of all glitches and of all stuck samples, s.
-    noise_std : float
-        Noise from sample to sample, unit of the trace.
-    """
-
+    # in the order of time
     plateaus: tuple[Plateau, ...]
+    # times of all glitches and of all stuck samples, s
     glitches_at_s: tuple[float, ...]
     stuck_at_s: tuple[float, ...]
+    # noise from sample to sample, unit of the trace
     noise_std: float
 
 
@@ -123,7 +106,7 @@ def find_plateaus(time_s: FloatArray, reading: FloatArray, least_s: float = 3.0)
     if len(x) >= 3 * _MIN_WINDOW:
         window = max(_MIN_WINDOW, int(least_s / 3.0 / float(np.median(np.diff(t)))))
         limit = _limit(x, noise, window)
-        found = _joined(_runs(_steady(x, window, limit)), x, limit)
+        found = _joined(true_runs(_steady(x, window, limit)), x, limit)
     out = []
     for start, end in found:
         if t[end - 1] - t[start] >= least_s * 2.0 / 3.0:
@@ -158,11 +141,6 @@ def _steady(x: FloatArray, window: int, limit: float) -> NDArray[np.bool_]:
     # short windows at the ends are noisier: they do not decide
     short = (places - left < _MIN_WINDOW) | (behind < _MIN_WINDOW)
     return np.asarray(short | (np.abs(mean_behind - mean_before) <= limit))
-
-
-def _runs(steady: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _joined(runs: list[tuple[int, int]], x: FloatArray, limit: float) -> list[tuple[int, int]]:
@@ -250,8 +228,7 @@ def find_stuck(x: FloatArray) -> NDArray[np.bool_]:
     same = np.diff(x) == 0.0
     if not len(same) or float(same.mean()) > 0.5:
         return found
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    for start, end in true_runs(same):
         if end - start >= _STUCK:
             found[start + 1 : end + 1] = True
     return found

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hdbench.calibration.applied import TorqueAccount
-from hdbench.calibration.budget import relative_std
+from hdbench.calibration.lever import TorqueAccount, relative_std
 from hdbench.calibration.lines import series_lack_of_fit
 from hdbench.calibration.stepwise.quantities import (
     StepQuantities,

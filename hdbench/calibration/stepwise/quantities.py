@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,48 +20,32 @@ _CUBIC = 3
 
 @dataclass(frozen=True, slots=True)
 class StepQuantities:
-    """Quantities of EURAMET cg-14 for one group; volts, per step. None where not defined.
+    """Quantities of EURAMET cg-14 for one group; volts, per step. None where not defined."""
 
-    Parameters
-    ----------
-    mean_v : ndarray, shape (m,)
-        Y: mean deflection over the positions, increasing torque.
-    mean_both_v : ndarray or None
-        Y^h: mean of increasing and decreasing torque.
-    repeatability_v : ndarray or None
-        b': difference between series in one mounting.
-    reproducibility_v : ndarray or None
-        b: standard deviation over the positions.
-    range_v : ndarray or None
-        Largest less smallest over the positions, as BS 7882 and ISO 376 define it.
-    reversibility_v : ndarray or None
-        h: mean absolute difference of decreasing and increasing torque.
-    zero_v : float or None
-        f0: largest change of the zero over a series.
-    linear : float
-        Slope of the line through zero on Y, V/(N m).
-    linear_both : float or None
-        The same on Y^h.
-    cubic : ndarray or None, shape (3,)
-        Coefficients a, b, c of a T + b T^2 + c T^3 on Y.
-    n_positions, n_both : int
-        Positions behind Y; series behind h.
-    n_at : ndarray of int, shape (m,)
-        Positions that were read at each step.
-    """
-
+    # shape (m,): Y: mean deflection over the positions, increasing torque
     mean_v: FloatArray
+    # Y^h: mean of increasing and decreasing torque
     mean_both_v: FloatArray | None
+    # b': difference between series in one mounting
     repeatability_v: FloatArray | None
+    # b: standard deviation over the positions
     reproducibility_v: FloatArray | None
+    # largest less smallest over the positions, as BS 7882 and ISO 376 define it
     range_v: FloatArray | None
+    # h: mean absolute difference of decreasing and increasing torque
     reversibility_v: FloatArray | None
+    # f0: largest change of the zero over a series
     zero_v: float | None
+    # slope of the line through zero on Y, V/(N m)
     linear: float
+    # the same on Y^h
     linear_both: float | None
+    # shape (3,): Coefficients a, b, c of a T + b T^2 + c T^3 on Y
     cubic: FloatArray | None
+    # positions behind Y; series behind h
     n_positions: int
     n_both: int
+    # shape (m,): Positions that were read at each step
     n_at: NDArray[np.int64]
 
     @property
@@ -87,80 +72,53 @@ def step_quantities(group: StepGroup) -> StepQuantities:
     .. [1] In the manner of EURAMET cg-14 v2.0 (2011); not checked against its text.
     """
     first = group.first_series()
-    up = _stack([s.up_v for s in first])
-    both = _stack([(s.up_v + s.down_v) / 2.0 for s in first])
-    mean = _mean(up)
-    mean_both = _mean(both) if np.isfinite(both).any(axis=0).all() else None
+    up = _present([s.up_v for s in first])
+    both = _present([(s.up_v + s.down_v) / 2.0 for s in first])
+    reversed_v = _present([np.abs(s.up_v - s.down_v) for s in group.series])
+    n_at = up.count(axis=0)
+    mean = _filled(up.mean(axis=0))
+    mean_both = _filled(both.mean(axis=0)) if both.count(axis=0).all() else None
+    several = n_at > 1
     return StepQuantities(
         mean_v=mean,
         mean_both_v=mean_both,
         repeatability_v=_repeatability(group),
-        reproducibility_v=_spread(up),
-        range_v=_range(up),
-        reversibility_v=_reversibility(group),
+        reproducibility_v=_filled(up.std(axis=0, ddof=1)) if several.any() else None,
+        range_v=np.where(several, _filled(up.max(axis=0) - up.min(axis=0)), np.nan)
+        if several.any()
+        else None,
+        reversibility_v=_filled(reversed_v.mean(axis=0)) if reversed_v.count() else None,
         zero_v=_zero(group),
         linear=_through_zero(group.torque_nm, mean),
         linear_both=None if mean_both is None else _through_zero(group.torque_nm, mean_both),
         cubic=_cubic(group.torque_nm, mean),
         n_positions=len(first),
-        n_both=sum(bool(_both(s).any()) for s in group.series),
-        n_at=np.isfinite(up).sum(axis=0),
+        n_both=int((reversed_v.count(axis=1) > 0).sum()),
+        n_at=n_at,
     )
 
 
-def _stack(rows: list[FloatArray]) -> FloatArray:
-    return np.vstack(rows)
+def _present(rows: list[FloatArray]) -> np.ma.MaskedArray[Any, np.dtype[np.float64]]:
+    """Return the rows as a table in which what is not there does not count."""
+    return np.ma.masked_invalid(np.vstack(rows))
 
 
-def _mean(rows: FloatArray) -> FloatArray:
-    """Return the mean over the rows of what is there; NaN where nothing is."""
-    there = np.isfinite(rows)
-    n = there.sum(axis=0)
-    total = np.where(there, rows, 0.0).sum(axis=0)
-    return np.asarray(np.where(n > 0, total / np.maximum(n, 1), np.nan), dtype=float)
-
-
-def _spread(rows: FloatArray) -> FloatArray | None:
-    there = np.isfinite(rows)
-    n = there.sum(axis=0)
-    if not (n > 1).any():
-        return None
-    off = np.where(there, rows - _mean(rows), 0.0)
-    spread = np.sqrt((off**2).sum(axis=0) / np.maximum(n - 1, 1))
-    return np.asarray(np.where(n > 1, spread, np.nan))
-
-
-def _range(rows: FloatArray) -> FloatArray | None:
-    there = np.isfinite(rows)
-    several = there.sum(axis=0) > 1
-    if not several.any():
-        return None
-    out = np.full(rows.shape[1], np.nan)
-    largest = np.where(there, rows, -np.inf)[:, several].max(axis=0)
-    out[several] = largest - np.where(there, rows, np.inf)[:, several].min(axis=0)
-    return out
+def _filled(values: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> FloatArray:
+    return np.asarray(np.ma.filled(values, np.nan), dtype=float)
 
 
 def _repeatability(group: StepGroup) -> FloatArray | None:
+    """Return the widest difference of series in one mounting that reached every step."""
     mounted: dict[tuple[int, int | None], list[LoadSeries]] = {}
     for series in group.series:
         mounted.setdefault((series.position, series.mounting), []).append(series)
-    widest = [
-        np.ptp(_stack([s.up_v for s in members]), axis=0)
+    spans = [
+        np.ptp(np.vstack([s.up_v for s in members]), axis=0)
         for members in mounted.values()
         if len({s.repeat for s in members}) > 1
     ]
-    finite = [w for w in widest if np.isfinite(w).all()]
-    return np.asarray(np.max(_stack(finite), axis=0)) if finite else None
-
-
-def _both(series: LoadSeries) -> NDArray[np.bool_]:
-    return np.asarray(np.isfinite(series.up_v) & np.isfinite(series.down_v))
-
-
-def _reversibility(group: StepGroup) -> FloatArray | None:
-    rows = _stack([np.abs(s.up_v - s.down_v) for s in group.series])
-    return _mean(rows) if np.isfinite(rows).any(axis=0).any() else None
+    whole = [span for span in spans if np.isfinite(span).all()]
+    return np.asarray(np.max(np.vstack(whole), axis=0)) if whole else None
 
 
 def _zero(group: StepGroup) -> float | None:
@@ -208,17 +166,14 @@ def case_one(
     ``w^2 = w_KE^2 + (r/Y)^2/6 + (b'/Y)^2/12 + (b/Y)^2/n + (f0/Y_E)^2/12 + (fa/Y)^2/24``, all
     full spans; b with n - 1 degrees of freedom.
     """
-    fitted = _cubic_deviation(found, torque_nm)
-    out: list[StepUncertainty | None] = []
-    for k, y in enumerate(found.mean_v):
-        if not _usable(float(y)):
-            out.append(None)
-            continue
-        parts = _common(found, k, float(y), float(relative_torque[k]), resolution_v)
-        if fitted is not None:
-            parts["fit"] = abs(float(fitted[k])) / _TRIANGULAR
-        out.append(_case(parts, int(found.n_at[k]), 0.0, float(torque_nm[k])))
-    return out
+    own = {}
+    if found.cubic is not None:
+        powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
+        own["fit"] = _over(found.mean_v - powers @ found.cubic, found.mean_v) / _TRIANGULAR
+    added = np.zeros(len(torque_nm))
+    return _uncertainties(
+        found, found.mean_v, (torque_nm, relative_torque), resolution_v, own, added
+    )
 
 
 def case_two(
@@ -237,29 +192,37 @@ def case_two(
     both, slope = found.mean_both_v, found.linear_both
     if both is None or slope is None:
         return None
+    own = {}
+    if found.reversibility_v is not None:
+        own["reversibility"] = _over(found.reversibility_v, both) / _RECTANGULAR
+    added = _over(both - slope * torque_nm, both)
+    return _uncertainties(found, both, (torque_nm, relative_torque), resolution_v, own, added)
+
+
+def _over(values: FloatArray, deflection_v: FloatArray) -> FloatArray:
+    """Return sizes relative to a deflection, NaN where that is 0."""
+    return np.abs(values / np.where(deflection_v == 0.0, np.nan, deflection_v))
+
+
+def _uncertainties(
+    found: StepQuantities,
+    deflection_v: FloatArray,
+    torque: tuple[FloatArray, FloatArray],
+    resolution_v: float | None,
+    own: dict[str, FloatArray],
+    added: FloatArray,
+) -> list[StepUncertainty | None]:
+    """Return the uncertainty of each step; `torque` in N m, and its relative uncertainty."""
+    torque_nm, relative_torque = torque
     out: list[StepUncertainty | None] = []
-    for k, y in enumerate(both):
-        if not _usable(float(y)):
+    for k, y in enumerate(deflection_v.tolist()):
+        if not (math.isfinite(y) and y != 0.0):
             out.append(None)
             continue
-        parts = _common(found, k, float(y), float(relative_torque[k]), resolution_v)
-        if found.reversibility_v is not None:
-            parts["reversibility"] = abs(float(found.reversibility_v[k] / y)) / _RECTANGULAR
-        added = abs(float(y) - slope * float(torque_nm[k])) / abs(float(y))
-        out.append(_case(parts, int(found.n_at[k]), added, float(torque_nm[k])))
+        parts = _common(found, k, y, float(relative_torque[k]), resolution_v)
+        parts |= {name: float(sizes[k]) for name, sizes in own.items()}
+        out.append(_case(parts, int(found.n_at[k]), float(added[k]), float(torque_nm[k])))
     return out
-
-
-def _usable(deflection_v: float) -> bool:
-    return math.isfinite(deflection_v) and deflection_v != 0.0
-
-
-def _cubic_deviation(found: StepQuantities, torque_nm: FloatArray) -> FloatArray | None:
-    if found.cubic is None:
-        return None
-    powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
-    known = np.where(found.mean_v == 0.0, np.nan, found.mean_v)
-    return np.asarray((found.mean_v - powers @ found.cubic) / known)
 
 
 def _common(

@@ -28,62 +28,42 @@ _Key = tuple[str, str, str, float | None]
 
 @dataclass(frozen=True, slots=True)
 class LoadSeries:
-    """One loading experiment on the steps of its group.
+    """One loading experiment on the steps of its group."""
 
-    Parameters
-    ----------
-    id : str
-        Identifier of the experiment.
-    position_rad : float
-        Flexspline position, rad.
-    position : int
-        Number of the position among those of the group, from 0.
-    mounting : int or None
-        Number of the mounting; None where the file does not tell: one per position.
-    repeat : int
-        0 for the first series in its mounting.
-    up_v, down_v : ndarray, shape (m,)
-        Deflection while loading and while unloading, V: reading less the zero before the series,
-        positive with the load; NaN where there is none.
-    zero_before_v, zero_after_v : float or None
-        Readings at no load, V.
-    zero_by_line : bool
-        Whether the zero is the intercept of the series' own line, for want of a reading.
-    """
-
+    # identifier of the experiment
     id: str
+    # flexspline position, rad
     position_rad: float
+    # number of the position among those of the group, from 0
     position: int
+    # number of the mounting; None where the file does not tell: one per position
     mounting: int | None
+    # 0 for the first series in its mounting
     repeat: int
+    # shape (m,): Deflection while loading and while unloading, V: reading less the zero before the
+    # series, positive with the load; NaN where there is none
     up_v: FloatArray
     down_v: FloatArray
+    # readings at no load, V
     zero_before_v: float | None
     zero_after_v: float | None
+    # whether the zero is the intercept of the series' own line, for want of a reading
     zero_by_line: bool
 
 
 @dataclass(frozen=True, slots=True)
 class StepGroup:
-    """Series of one direction, range, way of loading and arm.
+    """Series of one direction, range, way of loading and arm."""
 
-    Parameters
-    ----------
-    direction, range, loading : str
-        ``cw`` or ``ccw``; ``low`` or ``full``; ``single`` or ``couple``.
-    arm_length_m : float or None
-        Arm where the readings name one.
-    torque_nm : ndarray, shape (m,)
-        Applied torque of each step, N m, rising, above 0.
-    series : tuple of LoadSeries
-        At least one.
-    """
-
+    # `cw` or `ccw`; `low` or `full`; `single` or `couple`
     direction: str
     range: str
     loading: str
+    # arm where the readings name one
     arm_length_m: float | None
+    # shape (m,): Applied torque of each step, N m, rising, above 0
     torque_nm: FloatArray
+    # at least one
     series: tuple[LoadSeries, ...]
 
     def first_series(self) -> tuple[LoadSeries, ...]:

@@ -96,8 +96,7 @@ def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> FloatArray:
     block = filter_trace(
         trace,
         model,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+        profile.data,
     )
     return np.asarray(block.torque_filtered_nm)
 

@@ -216,9 +216,10 @@ def notes_on(
         notes.append(
             "slow none: a torque unknown to the expected torque is taken for ripple or misalignment"
         )
-    if not abs(consistency.largest_correlation) < _WHITE:
+    correlation = consistency.whiteness.largest_autocorrelation
+    if not abs(correlation) < _WHITE:
         notes.append(
-            f"innovations are not white (autocorrelation {consistency.largest_correlation:+.2f}): "
+            f"innovations are not white (autocorrelation {correlation:+.2f}): "
             "something regular is not in the model; `hdbench orders` shows it, `hdbench diagnose` "
             "names it, --order or --model with the extended model takes it in"
         )

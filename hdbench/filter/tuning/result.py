@@ -13,69 +13,38 @@ from hdbench.filter.kalman import GATED
 from hdbench.filter.model import FilterModel
 from hdbench.filter.online import Channels, run_channels
 from hdbench.records import FloatArray
+from hdbench.results import Part
 
 _PARTS = 8
 # start of each trace that is left out: there the prior speaks
 _SETTLE_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Consistency:
-    """Innovations of a model on traces, held against what it claims of them.
+class NormalisedSquares(Part):
+    """Mean of the squared normalised innovations: 1 where variances are right."""
 
-    Parameters
-    ----------
-    samples : int
-        Innovations used.
-    gated : int
-        Samples that the gate refused.
-    nis : float
-        Mean of the squared normalised innovations; 1 where variances are right.
-    nis_band : tuple of float
-        95 % band of `nis` for white normal innovations, from chi-square.
-    nis_parts : tuple of float
-        The same mean over eight parts of the record, in time.
-    parts_band : tuple of float
-        95 % band of each of them.
-    lags : int
-        Lags of the whiteness test.
-    ljung_box : float
-        Statistic Q of Ljung and Box.
-    p_value : float
-        Probability of a larger Q for white innovations.
-    largest_correlation : float
-        The autocorrelation largest in magnitude among these lags: how far from white.
-    """
+    value: float
+    band: tuple[float, float]  # 95 % for white normal innovations, from chi-square
+    parts: tuple[float, ...]  # over eight parts of the record, in time
+    parts_band: tuple[float, float]
+
+
+class Whiteness(Part):
+    """Test of Ljung and Box, and how far the innovations are from white."""
+
+    lags: int
+    ljung_box: float
+    p_value: float  # of a larger statistic for white innovations
+    largest_autocorrelation: float  # in magnitude, among these lags
+
+
+class Consistency(Part):
+    """Innovations of a model on traces, held against what it claims of them."""
 
     samples: int
     gated: int
-    nis: float
-    nis_band: tuple[float, float]
-    nis_parts: tuple[float, ...]
-    parts_band: tuple[float, float]
-    lags: int
-    ljung_box: float
-    p_value: float
-    largest_correlation: float
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the checks as results store them."""
-        return {
-            "samples": self.samples,
-            "gated": self.gated,
-            "nis": {
-                "value": self.nis,
-                "band": list(self.nis_band),
-                "parts": list(self.nis_parts),
-                "parts_band": list(self.parts_band),
-            },
-            "whiteness": {
-                "lags": self.lags,
-                "ljung_box": self.ljung_box,
-                "p_value": self.p_value,
-                "largest_autocorrelation": self.largest_correlation,
-            },
-        }
+    nis: NormalisedSquares
+    whiteness: Whiteness
 
 
 def nis_band(samples: int) -> tuple[float, float]:
@@ -139,14 +108,18 @@ def check_innovations(model: FilterModel, records: Sequence[Channels]) -> Consis
     return Consistency(
         samples=int(squares.size),
         gated=gated,
-        nis=float(np.mean(squares)),
-        nis_band=nis_band(squares.size),
-        nis_parts=tuple(float(np.mean(squares[a:b])) for a, b in pairwise(edges.tolist())),
-        parts_band=nis_band(squares.size // _PARTS),
-        lags=lags,
-        ljung_box=statistic,
-        p_value=p_value,
-        largest_correlation=float(correlation[np.argmax(np.abs(correlation))]),
+        nis=NormalisedSquares(
+            value=float(np.mean(squares)),
+            band=nis_band(squares.size),
+            parts=tuple(float(np.mean(squares[a:b])) for a, b in pairwise(edges.tolist())),
+            parts_band=nis_band(squares.size // _PARTS),
+        ),
+        whiteness=Whiteness(
+            lags=lags,
+            ljung_box=statistic,
+            p_value=p_value,
+            largest_autocorrelation=float(correlation[np.argmax(np.abs(correlation))]),
+        ),
     )
 
 
@@ -158,6 +131,16 @@ class Start:
     evaluations: int
     converged: bool
     slope_nats: float  # largest left where no bound holds, per standard error or factor e
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the start as results store it."""
+        reached, slope = self.log_likelihood, self.slope_nats
+        return {
+            "log_likelihood_nats": reached if math.isfinite(reached) else None,
+            "evaluations": self.evaluations,
+            "converged": self.converged,
+            "slope_nats": slope if math.isfinite(slope) else None,
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,17 +204,7 @@ class CandidateResult:
             "log_likelihood_nats": self.log_likelihood,
             "penalised_nats": self.penalised,
             "refused": self.refused,
-            "starts": [
-                {
-                    "log_likelihood_nats": start.log_likelihood
-                    if math.isfinite(start.log_likelihood)
-                    else None,
-                    "evaluations": start.evaluations,
-                    "converged": start.converged,
-                    "slope_nats": start.slope_nats if math.isfinite(start.slope_nats) else None,
-                }
-                for start in self.optimum.starts
-            ],
+            "starts": [start.to_dict() for start in self.optimum.starts],
             "starts_agreed": self.optimum.agreed,
         }
 
@@ -276,7 +249,7 @@ class TuningResult:
             "converged": self.converged,
             "parameters": [estimate.to_dict() for estimate in self.estimates],
             "slow_candidates": [candidate.to_dict() for candidate in self.candidates],
-            "consistency": self.consistency.to_dict(),
+            "consistency": self.consistency.to_json(),
             "outliers": self.outliers,
             "notes": list(self.notes),
         }

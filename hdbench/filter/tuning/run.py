@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.estimation.stretches import true_runs
 from hdbench.filter.kalman import GATE_SAMPLES, GATED
 from hdbench.filter.model import FilterModel, SlowKind
 from hdbench.filter.online import SCREEN_STATES, Channels, run_channels, screen_torque
@@ -331,9 +332,8 @@ def _without_outliers(
 
 def _short_runs(refused: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     """Return the samples of runs shorter than `longest`."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], refused.astype(np.int8), [0]))))
     kept = refused.copy()
-    for first, after in edges.reshape(-1, 2).tolist():
+    for first, after in true_runs(refused):
         if after - first >= longest:
             kept[first:after] = False
     return kept

@@ -16,7 +16,7 @@ from hdbench.model.causes import (
     periodic,
     sensor,
 )
-from hdbench.model.definition import Cause, Parameter
+from hdbench.model.definition import Cause, Parameter, is_harmonic
 
 __all__ = ["ALL_CAUSES", "CAUSE_GROUPS"]
 
@@ -25,6 +25,10 @@ _COMPUTED = {
     for module in (periodic, kinematic, sensor, dynamics, acquisition)
     for name, computed in module.COMPUTED.items()
 }
+
+
+_TEXTS = ("equation", "locked_to", "parity", "channel", "experiment", "source")
+_FUNCTIONS = ("columns", "applicable", "reach", "change_motion", "possible")
 
 
 def _parameters(entry: Mapping[str, Any], kind: str) -> tuple[Parameter, ...]:
@@ -42,26 +46,17 @@ def _cause(name: str, entry: Mapping[str, Any]) -> Cause:
         shape = (replace(shape[0], bands=computed.bands), *shape[1:])
     return Cause(
         name=name,
-        equation=entry["equation"],
+        **{text: entry[text] for text in _TEXTS},
         shape=shape,
         linear=linear,
-        locked_to=entry["locked_to"],
-        parity=entry["parity"],
-        channel=entry["channel"],
         look_alikes=tuple(entry["look_alikes"]),
-        experiment=entry["experiment"],
-        source=entry["source"],
-        columns=computed.columns,
-        harmonic=[parameter.name for parameter in linear] == ["cosine_nm", "sine_nm"],
-        applicable=computed.applicable,
+        harmonic=is_harmonic(linear),
         channels=tuple(entry.get("channels", ())),
         additive=bool(linear),
-        change_motion=computed.change_motion,
-        reach=computed.reach,
         whole_signal=entry.get("whole_signal", False),
         common=entry.get("common", False),
         form_of=entry.get("form_of", ""),
-        possible=computed.possible,
+        **{part: getattr(computed, part) for part in _FUNCTIONS},
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.model.definition import Parameter, always, unbounded
-from hdbench.model.motion import Motion
+from hdbench.model.motion import Motion, turns_of
 from hdbench.records.trace import FloatArray
 
 # below this the motor counts as standing: three ADC steps of a tacho with 562 rad/s full range
@@ -35,33 +35,24 @@ def all_of(*conditions: Applicable) -> Applicable:
     return check
 
 
-def _turns(angle_rad: FloatArray, motion: Motion) -> float:
-    """Return the span of an angle over the valid samples, turns."""
-    return float(np.ptp(angle_rad[motion.valid])) / (2.0 * np.pi) if motion.valid.any() else 0.0
+def _covers(what: str, angle_rad: Callable[[Motion], FloatArray], needed: float) -> Applicable:
+    def check(motion: Motion) -> str | None:
+        turns = turns_of(angle_rad(motion), motion)
+        if turns >= needed:
+            return None
+        return f"the {what} covers {turns:.3g} turns; needed: {needed:.3g}"
+
+    return check
 
 
 def motor_turns(needed: float) -> Applicable:
     """Return the condition that the wave generator covers `needed` turns."""
-
-    def check(motion: Motion) -> str | None:
-        turns = _turns(motion.angle_rad, motion)
-        if turns >= needed:
-            return None
-        return f"the wave generator covers {turns:.3g} turns; needed: {needed:.3g}"
-
-    return check
+    return _covers("wave generator", lambda motion: motion.angle_rad, needed)
 
 
 def output_turns(needed: float) -> Applicable:
     """Return the condition that the output covers `needed` turns."""
-
-    def check(motion: Motion) -> str | None:
-        turns = _turns(motion.output_angle_rad, motion)
-        if turns >= needed:
-            return None
-        return f"the output covers {turns:.3g} turns; needed: {needed:.3g}"
-
-    return check
+    return _covers("output", lambda motion: motion.output_angle_rad, needed)
 
 
 def has_load(motion: Motion) -> str | None:
@@ -98,7 +89,7 @@ def reverses(motion: Motion) -> str | None:
 
 def accelerates(motion: Motion) -> str | None:
     """Return why the acceleration carries no torque that could be told from its noise, or None."""
-    largest = _largest(motion.acceleration_rad_s2, motion)
+    largest = largest_size(motion.acceleration_rad_s2, motion)
     if largest > _ABOVE_NOISE * motion.acceleration_noise_rad_s2:
         return None
     return (
@@ -121,15 +112,21 @@ def known_torque(motion: Motion) -> str | None:
 def loaded(motion: Motion) -> str | None:
     """Return why the torque through the flexspline is too small for a share of it, or None."""
     reason = has_load(motion)
-    inertial = motion.inertia_nm_s2 * _largest(motion.acceleration_rad_s2, motion)
+    inertial = motion.inertia_nm_s2 * largest_size(motion.acceleration_rad_s2, motion)
     if reason is None or inertial >= _INERTIAL_NM:
         return None
     return f"{reason}, or an expected torque of {_INERTIAL_NM:g} N m"
 
 
+def known_applied_nm(motion: Motion) -> FloatArray:
+    """Return the torque through the flexspline at the samples where it is known."""
+    applied = motion.applied_nm
+    return applied[motion.valid & np.isfinite(applied)]
+
+
 def both_signs(motion: Motion) -> str | None:
     """Return why a cause that needs torque of both signs does not apply, or None."""
-    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    torque = known_applied_nm(motion)
     low, high = (float(torque.min()), float(torque.max())) if len(torque) else (0.0, 0.0)
     # a hundredth of the largest torque: less of the other sign is noise of the torque itself
     least = 0.01 * max(high, -low)
@@ -140,7 +137,7 @@ def both_signs(motion: Motion) -> str | None:
 
 def torque_turns(motion: Motion) -> str | None:
     """Return why the torque does not go up and down far enough for a loop, or None."""
-    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    torque = known_applied_nm(motion)
     span = float(np.ptp(torque)) if len(torque) else 0.0
     rise = float((torque - np.minimum.accumulate(torque)).max()) if len(torque) else 0.0
     fall = float((np.maximum.accumulate(torque) - torque).max()) if len(torque) else 0.0
@@ -188,21 +185,22 @@ def lasts(needed_s: float) -> Applicable:
     return check
 
 
-def _largest(values: FloatArray, motion: Motion) -> float:
+def largest_size(values: FloatArray, motion: Motion) -> float:
     """Return the largest magnitude over the valid samples, 0 where there is none."""
     known = np.abs(values[motion.valid & np.isfinite(values)])
     return float(known.max()) if len(known) else 0.0
 
 
 Shape = Mapping[str, float]
+Columns = Callable[[Motion, Shape], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
 class Computed:
     """The functions of a cause, as `Cause` has them, and the bands of its first shape parameter."""
 
-    columns: Callable[[Motion, Shape], FloatArray]
-    applicable: Callable[[Motion], str | None] = always
+    columns: Columns
+    applicable: Applicable = always
     reach: Callable[[Motion], Mapping[str, tuple[float, float]]] = unbounded
     change_motion: Callable[[Motion, Shape], Motion] | None = None
     possible: Callable[[Motion, Shape], FloatArray] | None = None
@@ -264,22 +262,11 @@ def broken_orders(lower: float, upper: int) -> Bands:
     return tuple(zip(ends[::2], ends[1::2], strict=True))
 
 
-def no_shape(columns: Callable[[Motion], FloatArray]) -> Callable[..., FloatArray]:
-    """Return `columns` in the form of a cause without shape parameters."""
-
-    def with_shape(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        del shape
-        return columns(motion)
-
-    return with_shape
-
-
 def lobe_angle(motion: Motion) -> FloatArray:
     """Return the phase of the ripple of the wave generator's two lobes, 2 G theta_m, rad."""
     return np.asarray(2.0 * motion.gauge_factor * motion.angle_rad)
 
 
-def no_column(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def no_column(motion: Motion, _: Shape) -> FloatArray:
     """Return the columns of a cause that adds no torque, shape (n_samples, 0)."""
-    del shape
     return np.zeros((len(motion), 0))

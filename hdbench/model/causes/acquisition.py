@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from hdbench.model.causes._parts import (
     Computed,
+    Shape,
     motor_turns,
     no_column,
-    no_shape,
     single,
     speed_varies,
 )
@@ -36,13 +35,13 @@ def _accelerated(motion: Motion) -> Motion:
     return replace(motion, acceleration_rad_s2=acceleration)
 
 
-def _without_slip(motion: Motion, shape: Mapping[str, float]) -> Motion:
+def _without_slip(motion: Motion, shape: Shape) -> Motion:
     slipped = np.where(motion.time_s >= shape["step_time_s"], shape["slip_rad"], 0.0)
     turned = _turned(motion, motion.angle_rad - slipped)
     return _accelerated(turned) if motion.acceleration_source == "angle" else turned
 
 
-def _with_missed(motion: Motion, shape: Mapping[str, float]) -> Motion:
+def _with_missed(motion: Motion, shape: Shape) -> Motion:
     after = motion.time_s >= shape["step_time_s"]
     if not after.any():
         return motion
@@ -56,7 +55,7 @@ def _with_missed(motion: Motion, shape: Mapping[str, float]) -> Motion:
     return _turned(later, motion.angle_rad + np.where(after, speed * shape["missed_s"], 0.0))
 
 
-def _without_tacho_ripple(motion: Motion, shape: Mapping[str, float]) -> Motion:
+def _without_tacho_ripple(motion: Motion, shape: Shape) -> Motion:
     angle = shape["order"] * motion.angle_rad
     factor = 1.0 + shape["cosine"] * np.cos(angle) + shape["sine"] * np.sin(angle)
     velocity = motion.velocity_rad_s / factor
@@ -67,7 +66,7 @@ def _without_tacho_ripple(motion: Motion, shape: Mapping[str, float]) -> Motion:
     return _accelerated(changed) if motion.acceleration_source == "velocity" else changed
 
 
-def _current(motion: Motion) -> FloatArray:
+def _current(motion: Motion, _: Shape) -> FloatArray:
     if motion.motor_current_a is None:
         return np.full((len(motion), 1), np.nan)
     return single(motion.motor_current_a)
@@ -86,7 +85,7 @@ COMPUTED = {
     "missed-samples": Computed(no_column, change_motion=_with_missed),
     "encoder-slip": Computed(no_column, motor_turns(1.0), change_motion=_without_slip),
     "tacho-ripple": Computed(no_column, motor_turns(1.0), change_motion=_without_tacho_ripple),
-    "crosstalk": Computed(no_shape(_current), _has_current),
+    "crosstalk": Computed(_current, _has_current),
     "quantisation": Computed(no_column),
     "spikes": Computed(no_column),
     "speed-dependent-noise": Computed(no_column, speed_varies),

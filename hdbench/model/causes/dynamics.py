@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,12 @@ from hdbench.model.causes._parts import (
     REFERENCE_LOAD_NM,
     STANDING_RAD_S,
     Computed,
+    Shape,
     accelerates,
     all_of,
+    largest_size,
     loaded,
     moves_and_reverses,
-    no_shape,
     reverses,
     single,
     size_of_speed_varies,
@@ -40,21 +41,17 @@ _SLOWEST_RAD_S, _FASTEST_RAD_S = 0.05, 80.0
 _SLOW_SAMPLES = 20
 
 
-def _coulomb(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    return single(np.tanh(motion.velocity_rad_s / shape["transition_rad_s"]))
+def _direction(motion: Motion, shape: Shape) -> FloatArray:
+    """Return the sign of the speed, rounded at the reversal."""
+    return np.asarray(np.tanh(motion.velocity_rad_s / shape["transition_rad_s"]))
 
 
-def _viscous(motion: Motion) -> FloatArray:
-    return single(motion.velocity_rad_s)
+def _stribeck(motion: Motion, shape: Shape) -> FloatArray:
+    excess = np.exp(-((motion.velocity_rad_s / shape["stribeck_rad_s"]) ** 2))
+    return single(excess * _direction(motion, shape))
 
 
-def _stribeck(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    velocity = motion.velocity_rad_s
-    excess = np.exp(-((velocity / shape["stribeck_rad_s"]) ** 2))
-    return single(excess * np.tanh(velocity / shape["transition_rad_s"]))
-
-
-def _asymmetric(motion: Motion) -> FloatArray:
+def _asymmetric(motion: Motion, _: Shape) -> FloatArray:
     size = np.abs(motion.velocity_rad_s)
     return np.column_stack((np.tanh(size / STANDING_RAD_S), size))
 
@@ -70,18 +67,13 @@ def _moves_slowly(motion: Motion) -> str | None:
     )
 
 
-def _fall_is_seen(motion: Motion) -> Mapping[str, tuple[float, float]]:
+def _fall_is_seen(motion: Motion) -> dict[str, tuple[float, float]]:
     """Return the Stribeck speeds whose double was reached: there 2 % of the excess is left."""
-    largest = float(np.abs(motion.velocity_rad_s[motion.valid]).max(initial=0.0))
+    largest = largest_size(motion.velocity_rad_s, motion)
     return {"stribeck_rad_s": (0.0, 0.5 * largest)}
 
 
-def _load_friction(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    direction = np.tanh(motion.velocity_rad_s / shape["transition_rad_s"])
-    return single(np.abs(motion.applied_nm) * direction)
-
-
-def _presliding(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _presliding(motion: Motion, shape: Shape) -> FloatArray:
     at, starts = remembered(motion, motion.angle_rad)
     way = np.diff(motion.angle_rad[at], prepend=motion.angle_rad[at[:1]])
     left = np.where(starts, 0.0, np.exp(-np.abs(way) / shape["breakaway_rad"]))
@@ -111,21 +103,12 @@ _SLOWEST_RECORD_S = 0.1
 Law = Callable[[FloatArray], FloatArray]
 
 
-def _per_inertia(motion: Motion) -> FloatArray:
-    return single(motion.acceleration_rad_s2 / motion.gear_ratio)
-
-
-def _skew(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _skew(motion: Motion, shape: Shape) -> FloatArray:
     delay = shape["delay_s"]
     if abs(delay) < _INFINITESIMAL_S:
         delay = _INFINITESIMAL_S
     torque = np.where(motion.valid, whole_signal(motion), np.nan)
     return single((delayed(motion.time_s, torque, delay) - torque) / delay)
-
-
-def _delay_reach(motion: Motion) -> dict[str, tuple[float, float]]:
-    del motion
-    return {"delay_s": (-_LARGEST_DELAY_S, _LARGEST_DELAY_S)}
 
 
 def _changes(motion: Motion) -> str | None:
@@ -204,10 +187,6 @@ def _cube(torque: FloatArray) -> FloatArray:
     return np.asarray(torque * (torque / REFERENCE_LOAD_NM) ** 2)
 
 
-def _cubic(motion: Motion) -> FloatArray:
-    return _columns(motion, (_cube,))
-
-
 def _beyond(knee: float) -> Law:
     def law(torque: FloatArray) -> FloatArray:
         return np.asarray(torque - np.clip(torque, -knee, knee))
@@ -215,7 +194,7 @@ def _beyond(knee: float) -> Law:
     return law
 
 
-def _piecewise(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _piecewise(motion: Motion, shape: Shape) -> FloatArray:
     knee = shape["knee_nm"]
     return _columns(motion, (_beyond(knee), _beyond(shape["knee_ratio"] * knee)))
 
@@ -232,23 +211,29 @@ def _sampled(motion: Motion) -> str | None:
 
 
 def _knee_reach(motion: Motion) -> dict[str, tuple[float, float]]:
-    torque = np.abs(motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)])
-    largest = float(torque.max(initial=0.0))
+    largest = largest_size(motion.applied_nm, motion)
     # a knee beyond the largest torque is never reached; one near zero leaves a straight line
     return {"knee_nm": (_FIRST_KNEE * largest, largest)}
 
 
 COMPUTED = {
-    "coulomb-friction": Computed(_coulomb, moves_and_reverses),
-    "viscous-friction": Computed(no_shape(_viscous), speed_varies),
+    "coulomb-friction": Computed(lambda m, s: single(_direction(m, s)), moves_and_reverses),
+    "viscous-friction": Computed(lambda m, _: single(m.velocity_rad_s), speed_varies),
     "stribeck-friction": Computed(
         _stribeck, all_of(moves_and_reverses, _moves_slowly), _fall_is_seen
     ),
-    "asymmetric-friction": Computed(no_shape(_asymmetric), all_of(reverses, size_of_speed_varies)),
-    "load-dependent-friction": Computed(_load_friction, all_of(moves_and_reverses, loaded)),
+    "asymmetric-friction": Computed(_asymmetric, all_of(reverses, size_of_speed_varies)),
+    "load-dependent-friction": Computed(
+        lambda m, s: single(np.abs(m.applied_nm) * _direction(m, s)),
+        all_of(moves_and_reverses, loaded),
+    ),
     "presliding": Computed(_presliding, moves_and_reverses),
-    "inertia-error": Computed(no_shape(_per_inertia), accelerates),
-    "time-skew": Computed(_skew, _changes, reach=_delay_reach),
-    "cubic-stiffness": Computed(no_shape(_cubic), all_of(loaded, _sampled)),
+    "inertia-error": Computed(
+        lambda m, _: single(m.acceleration_rad_s2 / m.gear_ratio), accelerates
+    ),
+    "time-skew": Computed(
+        _skew, _changes, reach=lambda _: {"delay_s": (-_LARGEST_DELAY_S, _LARGEST_DELAY_S)}
+    ),
+    "cubic-stiffness": Computed(lambda m, _: _columns(m, (_cube,)), all_of(loaded, _sampled)),
     "piecewise-stiffness": Computed(_piecewise, all_of(loaded, _sampled), reach=_knee_reach),
 }

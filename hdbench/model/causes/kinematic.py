@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from hdbench.model.causes._memory import even_step, remembered, resonance
 from hdbench.model.causes._parts import (
     Computed,
+    Shape,
     all_of,
     lobe_angle,
     motor_turns,
-    no_shape,
     output_turns,
     pair,
     speed_varies,
@@ -26,7 +26,7 @@ TRANSMISSION_ERROR = "transmission-error"
 _HARMONICS = (1.0, 2.0, 4.0)
 
 
-def _kinematic(motion: Motion) -> FloatArray:
+def _kinematic(motion: Motion, _: Shape) -> FloatArray:
     inertia = motion.inertia_nm_s2 * motion.gear_ratio
     centripetal = -inertia * motion.velocity_rad_s**2
     tangential = inertia * motion.acceleration_rad_s2
@@ -47,7 +47,7 @@ def _has_inertia(motion: Motion) -> str | None:
     return "the load has no inertia here; needed: load_inertia_kg_m2 of the profile, kg m^2"
 
 
-def _transmission(motion: Motion) -> FloatArray:
+def _transmission(motion: Motion, _: Shape) -> FloatArray:
     errors = _angle_errors(motion)
     slope = motion.ripple_slope_nm_per_rad
     return np.zeros_like(errors) if slope is None else -slope[:, None] * errors
@@ -71,7 +71,7 @@ def _has_ripple(motion: Motion) -> str | None:
     return "the simulated torque does not follow the motor angle; needed: a ripple in the model"
 
 
-def _resonance(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _resonance(motion: Motion, shape: Shape) -> FloatArray:
     phase = lobe_angle(motion)
     at, starts = remembered(motion, phase)
     time, phase, damping = motion.time_s[at], phase[at], shape["damping"]
@@ -94,6 +94,6 @@ def _resonance(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
 
 COMPUTED = {
     "torsional-resonance": Computed(_resonance, all_of(motor_turns(1.0), speed_varies)),
-    "kinematic-error": Computed(no_shape(_kinematic), all_of(motor_turns(1.0), _has_inertia)),
-    "transmission-error": Computed(no_shape(_transmission), all_of(output_turns(1.0), _has_ripple)),
+    "kinematic-error": Computed(_kinematic, all_of(motor_turns(1.0), _has_inertia)),
+    "transmission-error": Computed(_transmission, all_of(output_turns(1.0), _has_ripple)),
 }

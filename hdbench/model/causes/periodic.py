@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from hdbench.model.causes._parts import (
     REFERENCE_LOAD_NM,
     REFERENCE_SPEED_RAD_S,
+    Columns,
     Computed,
+    Shape,
     all_of,
     broken_orders,
     lasts,
     loaded,
     lobe_angle,
     motor_turns,
-    no_shape,
     output_turns,
     pair,
     whole_orders,
@@ -37,36 +36,28 @@ _ARC = 0.25
 _MAINS_BANDS = ((49.5, 50.5), (59.5, 60.5))
 
 
-def _at_order(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    return pair(shape["order"] * motion.angle_rad)
+def _speed_share(motion: Motion) -> FloatArray:
+    return motion.velocity_rad_s / REFERENCE_SPEED_RAD_S
 
 
-def _order_one(motion: Motion) -> FloatArray:
-    return pair(motion.angle_rad)
+def _load_share(motion: Motion) -> FloatArray:
+    return motion.applied_nm / REFERENCE_LOAD_NM
 
 
-def _unbalance(motion: Motion) -> FloatArray:
-    return pair(motion.angle_rad, (motion.velocity_rad_s / REFERENCE_SPEED_RAD_S) ** 2)
-
-
-def _beat(motion: Motion) -> FloatArray:
+def _beat(motion: Motion, _: Shape) -> FloatArray:
     carrier = lobe_angle(motion)
     lower, upper = carrier - motion.output_angle_rad, carrier + motion.output_angle_rad
     return np.hstack((pair(lower), pair(upper)))
 
 
-def _mesh(motion: Motion) -> FloatArray:
-    return pair(2.0 * (motion.gear_ratio + 1.0) * motion.angle_rad)
+def _multiples(*factors: float) -> Columns:
+    """Return the columns of an order and of multiples of it."""
 
+    def columns(motion: Motion, shape: Shape) -> FloatArray:
+        angle = shape["order"] * motion.angle_rad
+        return np.hstack([pair(k * angle) for k in factors])
 
-def _bearing(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    angle = shape["order"] * motion.angle_rad
-    return np.hstack([pair(k * angle) for k in (1.0, 2.0, 3.0)])
-
-
-def _cogging(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    angle = shape["order"] * motion.angle_rad
-    return np.hstack([pair(k * angle) for k in _OF_POLES])
+    return columns
 
 
 def _needs_measured_angle(motion: Motion) -> str | None:
@@ -78,29 +69,20 @@ def _needs_measured_angle(motion: Motion) -> str | None:
     )
 
 
-def _with_magnitude(motion: Motion) -> FloatArray:
-    return pair(lobe_angle(motion), np.abs(motion.applied_nm) / REFERENCE_LOAD_NM)
-
-
-def _with_torque(motion: Motion) -> FloatArray:
-    return pair(lobe_angle(motion), motion.applied_nm / REFERENCE_LOAD_NM)
-
-
-def _once(motion: Motion) -> FloatArray:
+def _once(motion: Motion, _: Shape) -> FloatArray:
     return pair(motion.output_angle_rad)
 
 
-def _twice(motion: Motion) -> FloatArray:
+def _twice(motion: Motion, _: Shape) -> FloatArray:
     return pair(2.0 * motion.output_angle_rad)
 
 
-def _position_gain(motion: Motion) -> FloatArray:
-    share = motion.applied_nm / REFERENCE_LOAD_NM
-    angle = motion.output_angle_rad
+def _position_gain(motion: Motion, _: Shape) -> FloatArray:
+    share, angle = _load_share(motion), motion.output_angle_rad
     return np.hstack((pair(angle, share), pair(2.0 * angle, share)))
 
 
-def _tone(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _tone(motion: Motion, shape: Shape) -> FloatArray:
     return pair(2.0 * np.pi * shape["frequency_hz"] * motion.time_s)
 
 
@@ -113,23 +95,35 @@ def _mains_applicable(motion: Motion) -> str | None:
 
 
 COMPUTED = {
-    "ripple-harmonic": Computed(_at_order, motor_turns(1.0)),
-    "wave-generator-eccentricity": Computed(no_shape(_order_one), motor_turns(1.0)),
-    "motor-unbalance": Computed(no_shape(_unbalance), motor_turns(1.0)),
-    "ripple-beat": Computed(no_shape(_beat), output_turns(1.0)),
-    "tooth-mesh": Computed(no_shape(_mesh), all_of(motor_turns(1.0), _needs_measured_angle)),
-    "bearing-defect": Computed(_bearing, motor_turns(100.0), bands=broken_orders(0.2, 20)),
+    "ripple-harmonic": Computed(lambda m, s: pair(s["order"] * m.angle_rad), motor_turns(1.0)),
+    "wave-generator-eccentricity": Computed(lambda m, _: pair(m.angle_rad), motor_turns(1.0)),
+    "motor-unbalance": Computed(
+        lambda m, _: pair(m.angle_rad, _speed_share(m) ** 2), motor_turns(1.0)
+    ),
+    "ripple-beat": Computed(_beat, output_turns(1.0)),
+    "tooth-mesh": Computed(
+        lambda m, _: pair(2.0 * (m.gear_ratio + 1.0) * m.angle_rad),
+        all_of(motor_turns(1.0), _needs_measured_angle),
+    ),
+    "bearing-defect": Computed(
+        _multiples(1.0, 2.0, 3.0), motor_turns(100.0), bands=broken_orders(0.2, 20)
+    ),
     "cogging": Computed(
-        _cogging,
+        _multiples(*_OF_POLES),
         motor_turns(1.0),
         bands=whole_orders(_FIRST_OF_POLES, _LAST_OF_POLES, without=_LOBES),
     ),
-    "load-dependent-ripple": Computed(no_shape(_with_magnitude), all_of(motor_turns(1.0), loaded)),
-    "gain-ripple": Computed(no_shape(_with_torque), all_of(motor_turns(1.0), loaded)),
-    "misalignment": Computed(no_shape(_once), output_turns(_ARC)),
-    "angular-misalignment": Computed(no_shape(_twice), output_turns(0.5)),
-    "load-gravity": Computed(no_shape(_once), output_turns(_ARC)),
-    "position-dependent-gain": Computed(no_shape(_position_gain), loaded),
+    "load-dependent-ripple": Computed(
+        lambda m, _: pair(lobe_angle(m), np.abs(m.applied_nm) / REFERENCE_LOAD_NM),
+        all_of(motor_turns(1.0), loaded),
+    ),
+    "gain-ripple": Computed(
+        lambda m, _: pair(lobe_angle(m), _load_share(m)), all_of(motor_turns(1.0), loaded)
+    ),
+    "misalignment": Computed(_once, output_turns(_ARC)),
+    "angular-misalignment": Computed(_twice, output_turns(0.5)),
+    "load-gravity": Computed(_once, output_turns(_ARC)),
+    "position-dependent-gain": Computed(_position_gain, loaded),
     "mains-hum": Computed(_tone, _mains_applicable, bands=_MAINS_BANDS),
     "structural-tone": Computed(_tone, lasts(1.0)),
 }

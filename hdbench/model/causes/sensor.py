@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from hdbench.model.causes._memory import first_order, plays, remembered, spread_out
@@ -11,14 +9,16 @@ from hdbench.model.causes._parts import (
     REFERENCE_LOAD_NM,
     STANDING_RAD_S,
     Computed,
+    Shape,
     all_of,
     both_signs,
     has_load,
+    known_applied_nm,
     known_torque,
+    largest_size,
     lasts,
     loaded,
     no_column,
-    no_shape,
     output_turns,
     pair,
     single,
@@ -35,19 +35,7 @@ def _since_start(motion: Motion) -> FloatArray:
     return np.asarray(motion.time_s - motion.time_s[0])
 
 
-def _step(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    return single(np.where(motion.time_s >= shape["step_time_s"], 1.0, 0.0))
-
-
-def _drift(motion: Motion) -> FloatArray:
-    return single(_since_start(motion))
-
-
-def _warm_up(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    return single(-np.expm1(-_since_start(motion) / shape["time_constant_s"]))
-
-
-def _creep(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _creep(motion: Motion, shape: Shape) -> FloatArray:
     applied = motion.applied_nm
     at, starts = remembered(motion, applied)
     torque, constant = applied[at], shape["time_constant_s"]
@@ -93,21 +81,17 @@ def whole_signal(motion: Motion) -> FloatArray:
     return motion.applied_nm if motion.simulated_nm is None else motion.simulated_nm
 
 
-def _applied(motion: Motion) -> FloatArray:
-    return single(motion.applied_nm)
-
-
-def _cubic(motion: Motion) -> FloatArray:
+def _cubic(motion: Motion, _: Shape) -> FloatArray:
     share = motion.applied_nm / REFERENCE_LOAD_NM
     return single(share * share * share)
 
 
-def _backlash(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _backlash(motion: Motion, shape: Shape) -> FloatArray:
     play = shape["play_nm"]
     return single(-np.clip(motion.applied_nm, -play, play))
 
 
-def _saturation(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _saturation(motion: Motion, shape: Shape) -> FloatArray:
     limit, power, torque = shape["limit_nm"], shape["sharpness"], whole_signal(motion)
     size = np.abs(torque) / limit
     # far above a sharp limit the power is infinite and its hyperbolic tangent 1; far below it is
@@ -118,17 +102,12 @@ def _saturation(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     return single(np.copysign(held, torque) - torque)
 
 
-def _largest(torque: FloatArray, motion: Motion) -> float:
-    known = np.abs(torque[motion.valid & np.isfinite(torque)])
-    return float(known.max()) if len(known) else 0.0
-
-
 def _play_reach(motion: Motion) -> dict[str, tuple[float, float]]:
-    return {"play_nm": (0.0, _PLAY_SHARE * _largest(motion.applied_nm, motion))}
+    return {"play_nm": (0.0, _PLAY_SHARE * largest_size(motion.applied_nm, motion))}
 
 
 def _limit_reach(motion: Motion) -> dict[str, tuple[float, float]]:
-    largest = _largest(whole_signal(motion), motion)
+    largest = largest_size(whole_signal(motion), motion)
     # a limit sixty times the largest torque takes a ten-thousandth of it; one of less than half of
     # it leaves a square wave, and what it takes is a share of the torque: a gain
     return {"limit_nm": (0.5 * largest, 60.0 * largest)}
@@ -140,7 +119,7 @@ def _standing(motion: Motion) -> bool:
     return not bool((speed > STANDING_RAD_S).any())
 
 
-def _sag(motion: Motion) -> FloatArray:
+def _sag(motion: Motion, _: Shape) -> FloatArray:
     share = motion.applied_nm / REFERENCE_LOAD_NM
     if _standing(motion):
         return np.column_stack((share * np.abs(share), share * share))
@@ -152,19 +131,15 @@ def _sag_applicable(motion: Motion) -> str | None:
     return loaded(motion) if _standing(motion) else output_turns(0.5)(motion)
 
 
-def _magnitude(motion: Motion) -> FloatArray:
-    return single(np.abs(motion.applied_nm))
+def _yields(shape: Shape) -> FloatArray:
+    return np.asarray(shape["yield_nm"] * (np.arange(_ELEMENTS) + 0.5) / _ELEMENTS)
 
 
-def _magnitude_in_nm(motion: Motion) -> FloatArray:
-    return single(np.abs(motion.applied_nm) / REFERENCE_LOAD_NM)
-
-
-def _loop(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _loop(motion: Motion, shape: Shape) -> FloatArray:
     applied = motion.applied_nm
     at, starts = remembered(motion, applied)
     torque = applied[at]
-    yields = shape["yield_nm"] * (np.arange(_ELEMENTS) + 0.5) / _ELEMENTS
+    yields = _yields(shape)
     loop = (_ELEMENTS * torque - plays(torque, yields, starts)) / yields.sum()
     # the gain of a calibration is fitted with all loops of the sensor in it; its readings need none
     gain = np.zeros(len(motion)) if motion.angle_source == _READINGS else applied
@@ -172,40 +147,41 @@ def _loop(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
 
 
 def _yield_reach(motion: Motion) -> dict[str, tuple[float, float]]:
-    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    torque = known_applied_nm(motion)
     span = float(np.ptp(torque)) if len(torque) else 0.0
     # elements beyond half the span never yield: from there on the loop keeps its form, a parabola
     return {"yield_nm": (0.01 * span, 0.5 * span)}
 
 
-def _possible_loops(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+def _possible_loops(motion: Motion, shape: Shape) -> FloatArray:
     """Return the loop with all that a gain leaves of it, and without any.
 
     A gain that was calibrated with the loop holds a part of its slope: between nothing and the
     chord of its first loading up to the largest torque. More, or of the other sign, is an error of
     the gain.
     """
-    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
-    largest = max(float(np.abs(torque).max(initial=0.0)), np.finfo(float).tiny)
-    yields = shape["yield_nm"] * (np.arange(_ELEMENTS) + 0.5) / _ELEMENTS
+    largest = max(largest_size(motion.applied_nm, motion), np.finfo(float).tiny)
+    yields = _yields(shape)
     chord = float(np.minimum(yields, largest).sum() / yields.sum()) / largest
     return np.array([[1.0, 1.0], [0.0, -chord]])
 
 
 COMPUTED = {
-    "gain-error": Computed(no_shape(_applied), known_torque),
-    "cubic-nonlinearity": Computed(no_shape(_cubic), loaded),
+    "gain-error": Computed(lambda m, _: single(m.applied_nm), known_torque),
+    "cubic-nonlinearity": Computed(_cubic, loaded),
     "backlash": Computed(_backlash, all_of(loaded, both_signs), reach=_play_reach),
     "saturation": Computed(_saturation, loaded, reach=_limit_reach),
-    "arm-sag": Computed(no_shape(_sag), _sag_applicable),
-    "side-force": Computed(no_shape(_magnitude_in_nm), loaded),
-    "direction-asymmetry": Computed(no_shape(_magnitude), loaded),
+    "arm-sag": Computed(_sag, _sag_applicable),
+    "side-force": Computed(lambda m, _: single(np.abs(m.applied_nm) / REFERENCE_LOAD_NM), loaded),
+    "direction-asymmetry": Computed(lambda m, _: single(np.abs(m.applied_nm)), loaded),
     "hysteresis": Computed(
         _loop, all_of(loaded, torque_turns), reach=_yield_reach, possible=_possible_loops
     ),
-    "zero-step": Computed(_step),
-    "zero-drift": Computed(no_shape(_drift)),
-    "warm-up": Computed(_warm_up, lasts(_SHORTEST_S)),
+    "zero-step": Computed(lambda m, s: single(np.where(m.time_s >= s["step_time_s"], 1.0, 0.0))),
+    "zero-drift": Computed(lambda m, _: single(_since_start(m))),
+    "warm-up": Computed(
+        lambda m, s: single(-np.expm1(-_since_start(m) / s["time_constant_s"])), lasts(_SHORTEST_S)
+    ),
     "zero-random-walk": Computed(no_column, lasts(1.0)),
     "creep": Computed(_creep, all_of(loaded, lasts(1.0)), reach=_creep_reach),
 }
