@@ -13,7 +13,7 @@ from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
-    from hdbench.devices.simulation import Simulation
+    from hdbench.devices.operator import Simulation
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ from hdbench.devices.daq import (
     DaqSettings,
     Role,
     ScanBlock,
-    WatchdogState,
     repeats_of,
 )
 from hdbench.devices.driver import Driver, driver_of, open_daq
@@ -52,6 +51,10 @@ class CompositeDaq:
         self._clock = clock
         self._looked_s = 0.0
         self._tripped = False
+        self.start, self.stop = inputs.start, inputs.stop
+        self.write_output, self.enable = outputs.write_output, outputs.enable
+        self.arm_watchdog, self.feed_watchdog = outputs.arm_watchdog, outputs.feed_watchdog
+        self.watchdog, self.clear_watchdog = outputs.watchdog, outputs.clear_watchdog
 
     @property
     def repeats(self) -> int:
@@ -111,10 +114,6 @@ class CompositeDaq:
         self._tripped = False
         return self._inputs.configure(replace(settings, reference=None))
 
-    def start(self) -> None:
-        """Start the inputs' sample clock."""
-        self._inputs.start()
-
     def read_block(self) -> ScanBlock | None:
         """Return the inputs' next block, with the state of the outputs' watchdog."""
         block = self._inputs.read_block()
@@ -125,34 +124,6 @@ class CompositeDaq:
         if block is None or not self._tripped:
             return block
         return replace(block, watchdog_tripped=True)
-
-    def stop(self) -> None:
-        """Stop sampling."""
-        self._inputs.stop()
-
-    def write_output(self, name: str, value: float) -> float:
-        """Write an output of the device that has them."""
-        return self._outputs.write_output(name, value)
-
-    def enable(self, *, on: bool) -> bool:
-        """Switch the drive's enable line."""
-        return self._outputs.enable(on=on)
-
-    def arm_watchdog(self, time_s: float) -> float:
-        """Arm the outputs' watchdog."""
-        return self._outputs.arm_watchdog(time_s)
-
-    def feed_watchdog(self) -> None:
-        """Feed the outputs' watchdog."""
-        self._outputs.feed_watchdog()
-
-    def watchdog(self) -> WatchdogState:
-        """Return the state of the outputs' watchdog."""
-        return self._outputs.watchdog()
-
-    def clear_watchdog(self) -> None:
-        """Clear the outputs' watchdog."""
-        self._outputs.clear_watchdog()
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return what either device reads at this moment; the inputs' value where both do."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -119,6 +120,8 @@ class Capabilities:
         device without inputs.
     min_rate_hz : float
         Lowest scan rate, Hz.
+    simulated : bool
+        True for an emulator: no real motor turns.
     outputs : tuple of OutputInfo
         Outputs that the host writes.
     generator : bool
@@ -128,18 +131,16 @@ class Capabilities:
         Whether the drive's enable line is under the device's control.
     watchdog : WatchdogInfo or None
         The device's watchdog, if it has one.
-    simulated : bool
-        True for an emulator: no real motor turns.
     """
 
     inputs: tuple[InputInfo, ...]
     max_rates_hz: tuple[float, ...]
     min_rate_hz: float
-    outputs: tuple[OutputInfo, ...]
-    generator: bool
-    enable: bool
-    watchdog: WatchdogInfo | None
     simulated: bool
+    outputs: tuple[OutputInfo, ...] = ()
+    generator: bool = False
+    enable: bool = False
+    watchdog: WatchdogInfo | None = None
 
     @property
     def roles(self) -> tuple[Role, ...]:
@@ -392,3 +393,85 @@ class InputsOnly:
 def repeats_of(daq: object) -> int:
     """Return how many requests a driver has sent again so far; 0 where it does not count."""
     return int(getattr(daq, "repeats", 0))
+
+
+WAIT_S = 0.02
+"""Longest wait of one call for scans, s."""
+# beyond three packets' time, silence after which something is wrong, s
+_SILENCE_S = 0.5
+
+
+class StreamedAcquisition:
+    """Base of a driver's acquisition: it delivers exactly the scans asked for.
+
+    Parameters
+    ----------
+    n_samples : int
+        Scans to deliver, lost ones counted.
+    packet_s : float
+        Time in which one packet of the device fills, s.
+
+    Attributes
+    ----------
+    delivered : int
+        Scans delivered or told as lost.
+    started, stopped : bool
+        Whether the device was told to start, and to stop.
+    """
+
+    def __init__(self, n_samples: int, packet_s: float) -> None:
+        self.delivered = 0
+        self.started = self.stopped = False
+        self._n_samples = n_samples
+        self._packet_s = packet_s
+        self._heard_s = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether every scan was delivered or told as lost."""
+        return self.delivered >= self._n_samples
+
+    @property
+    def sampling(self) -> bool:
+        """Whether the device may still be sampling."""
+        return self.started and not self.stopped
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing has come for longer than packets take."""
+        quiet_s = time.monotonic() - self._heard_s
+        return self.sampling and quiet_s > _SILENCE_S + 3.0 * self._packet_s
+
+    def begin(self) -> None:
+        """Note that the device was told to start."""
+        self.started = True
+        self._hear()
+
+    def _hear(self) -> None:
+        """Note that something has come."""
+        self._heard_s = time.monotonic()
+
+    def _delivered(
+        self,
+        values: FloatArray,
+        saturated: NDArray[bool_],
+        read_s: tuple[float, float],
+        *,
+        lost: int = 0,
+        waiting: int = 0,
+        depth: int = 0,
+        tripped: bool = False,
+    ) -> ScanBlock:
+        """Count scans and return their block; `waiting` ones stay behind in this computer."""
+        first = self.delivered + lost
+        self.delivered = first + len(values)
+        return ScanBlock(
+            first_index=first,
+            lost_before=lost,
+            values=values,
+            saturated=saturated,
+            running=not (self.complete or (self.stopped and not waiting)),
+            watchdog_tripped=tripped,
+            depth=0 if self.complete else depth + waiting,
+            read_s=read_s,
+        )

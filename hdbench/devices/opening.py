@@ -77,7 +77,7 @@ def open_bench(
     from hdbench.devices.driver import open_daq
     from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
     from hdbench.devices.host import host_settings
-    from hdbench.devices.simulation import Simulation
+    from hdbench.devices.operator import Simulation
 
     data = _data(profile)
     where = address or data.daq.address
@@ -201,7 +201,7 @@ def _at(data: ProfileData, found: Mapping[str, object], **changes: object) -> Pr
 
 def _numbered(data: ProfileData) -> ProfileData:
     """Return the profile with numbers of hosts: nothing that moves, locks or guards asks again."""
-    from hdbench.devices.wire import numbered, parse_address
+    from hdbench.devices.wire.address import numbered, parse_address
 
     def part(table: Any) -> Any:
         update: dict[str, object] = {"address": numbered(table.address)}

@@ -2,16 +2,109 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from hdbench.devices.bench import AcquisitionSettings, Bench
-from hdbench.errors import UsageError
+from hdbench.devices.wire.address import dial, numbered, parse_address
+from hdbench.errors import DeviceError, UsageError
+from hdbench.profile import Profile
+
+_DEADLINE_S = 5.0
+_LONGEST = 4096
+
+
+class Simulation:
+    """Sets what a person would set at a bench.
+
+    Parameters
+    ----------
+    address : str
+        ``tcp://HOST:PORT`` of the channel, as the emulator gives it.
+    embedded : bool
+        Whether this process started the emulator: only then its motor may move unasked.
+
+    Raises
+    ------
+    DeviceError
+        If nobody answers there, or no emulator.
+    UsageError
+        If the address has another form.
+    """
+
+    def __init__(self, address: str, *, embedded: bool) -> None:
+        self.embedded = embedded
+        self._address = address
+        found = parse_address(numbered(address))
+        try:
+            self._socket = dial((found.host, found.port), _DEADLINE_S)
+        except OSError as error:
+            raise self._error(f"no connection ({error.strerror or error})") from error
+        try:
+            self._ask({})
+        except DeviceError:
+            self.close()
+            raise
+
+    def set_fixture(
+        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> None:
+        """Lock or release the wave generator, turn the flexspline, hang a weight."""
+        values = {"position_rad": position_rad, "mass_kg": mass_kg, "direction": direction}
+        self._ask({"fixture": {"locked": locked, **values}})
+
+    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
+        """Set how the next weight is handled, and the resistor across the bridge."""
+        values = {"swing_rad": swing_rad, "release_s": release_s, "shunt_ohm": shunt_ohm}
+        self._ask({"handling": values})
+
+    def close(self) -> None:
+        """Close the channel."""
+        self._socket.close()
+
+    def _ask(self, order: dict[str, Any]) -> None:
+        until_s = time.monotonic() + _DEADLINE_S
+        line = b""
+        try:
+            self._socket.sendall(json.dumps(order).encode() + b"\n")
+            while not line.endswith(b"\n") and len(line) < _LONGEST:
+                self._socket.settimeout(max(1e-3, until_s - time.monotonic()))
+                chunk = self._socket.recv(_LONGEST)
+                if not chunk:
+                    break
+                line += chunk
+            answer = json.loads(line)
+        except OSError as error:
+            raise self._error(f"no answer ({error.strerror or error})") from error
+        except ValueError as error:
+            raise self._error("this is no emulator's control channel") from error
+        if answer != {"ok": True}:
+            refused = answer.get("refused") if isinstance(answer, dict) else None
+            raise self._error(str(refused or "this is no emulator's control channel")[:200])
+
+    def _error(self, what: str) -> DeviceError:
+        return DeviceError(
+            what,
+            where=f"control channel {self._address}",
+            fix="give --control the address that hdbench emulate prints, or leave it out",
+        )
+
+
+def hidden_effects(profile: Profile, plant: str, seed: int) -> tuple[Mapping[str, object], ...]:
+    """Return the effects that a plant adds to the torque with this seed."""
+    from hdbench.plant.bench import SimulatedBench
+    from hdbench.plant.plantfile import load_plant
+
+    effects = SimulatedBench(profile.data, load_plant(plant), seed).truth()["effects"]
+    return tuple(effects) if isinstance(effects, list) else ()
+
 
 Kind = Literal["wrong-weight", "swing", "early-release"]
 MISTAKES: dict[Kind, str] = {
@@ -60,9 +153,8 @@ def parse_mistakes(text: str) -> tuple[Mistake, ...]:
                 where="--operator-mistakes",
                 fix="for example wrong-weight@5,swing@7,early-release@9",
             )
-        kinds: dict[str, Kind] = {kind: kind for kind in MISTAKES}
         size = None if match[3] is None else float(match[3])
-        found.append(Mistake(kinds[match[1]], int(match[2]), size))
+        found.append(Mistake(cast("Kind", match[1]), int(match[2]), size))
     return tuple(found)
 
 
@@ -275,11 +367,7 @@ class SimulatedOperator:
         )
 
     def _set(self) -> None:
-        now = self._now
-        self._simulation.set_fixture(
-            locked=now.locked,
-            position_rad=now.position_rad,
-            mass_kg=now.mass_kg,
-            direction=now.direction,
-        )
-        self._history.append(now.to_dict())
+        fixture = asdict(self._now)
+        del fixture["shunt_ohm"]
+        self._simulation.set_fixture(**fixture)
+        self._history.append(self._now.to_dict())

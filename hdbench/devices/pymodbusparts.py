@@ -9,40 +9,26 @@ from __future__ import annotations
 import logging
 
 import pymodbus
-from pymodbus.client.base import ModbusBaseSyncClient
-from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerAscii, FramerBase, FramerRTU, FramerSocket, FramerType
-from pymodbus.pdu import DecodePDU, ModbusPDU
-from pymodbus.server.base import ModbusBaseServer
-from pymodbus.server.requesthandler import ServerRequestHandler
-from pymodbus.simulator import DataType, SimData, SimDevice
-from pymodbus.transaction import TransactionManager
-from pymodbus.transport import CommParams, CommType, ModbusProtocol
+from pymodbus.client.base import ModbusBaseSyncClient as ModbusBaseSyncClient
+from pymodbus.exceptions import ModbusException as ModbusException
+from pymodbus.framer import FramerAscii as FramerAscii
+from pymodbus.framer import FramerBase as FramerBase
+from pymodbus.framer import FramerRTU as FramerRTU
+from pymodbus.framer import FramerSocket as FramerSocket
+from pymodbus.framer import FramerType as FramerType
+from pymodbus.pdu import DecodePDU as DecodePDU
+from pymodbus.pdu import ModbusPDU as ModbusPDU
+from pymodbus.server.base import ModbusBaseServer as ModbusBaseServer
+from pymodbus.server.requesthandler import ServerRequestHandler as ServerRequestHandler
+from pymodbus.simulator import DataType as DataType
+from pymodbus.simulator import SimData as SimData
+from pymodbus.simulator import SimDevice as SimDevice
+from pymodbus.transaction import TransactionManager as TransactionManager
+from pymodbus.transport import CommParams as CommParams
+from pymodbus.transport import CommType as CommType
+from pymodbus.transport import ModbusProtocol as ModbusProtocol
 
 from hdbench.errors import UsageError
-
-__all__ = [
-    "VERSION",
-    "CommParams",
-    "CommType",
-    "DataType",
-    "DecodePDU",
-    "FramerAscii",
-    "FramerBase",
-    "FramerRTU",
-    "FramerSocket",
-    "FramerType",
-    "ModbusBaseServer",
-    "ModbusBaseSyncClient",
-    "ModbusException",
-    "ModbusPDU",
-    "ModbusProtocol",
-    "ServerRequestHandler",
-    "SimData",
-    "SimDevice",
-    "TransactionManager",
-    "check_version",
-]
 
 VERSION = "3.16"
 """The series that was tried; the strictness of the client rests on its internals."""

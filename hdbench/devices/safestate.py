@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -51,8 +52,8 @@ def reach_safe_state(
     disable: Callable[[], bool] = lambda: True,
     zero_v: float,
     brake_s: float = 0.0,
-    clock: Callable[[], float],
-    sleep: Callable[[float], None],
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> SafeState:
     """Zero the reference, let the drive brake, disable it, and confirm; never raises.
 
@@ -69,7 +70,7 @@ def reach_safe_state(
         What still counts as reference zero, V.
     brake_s : float, optional
         Time from reference zero to drive off in any case, s.
-    clock, sleep : callable
+    clock, sleep : callable, optional
         Monotonic clock in s, and waiting.
 
     Notes
@@ -137,57 +138,40 @@ def _turns(seen: Seen) -> str:
     return f"the motor turns at {seen.velocity_rad_s:.4g} rad/s"
 
 
-class _Speed:
-    """Motor speed from tacho, else from two readings of the encoder."""
-
-    def __init__(self, daq: Daq, settings: HostSettings, clock: Callable[[], float]) -> None:
-        self._daq = daq
-        self._settings = settings
-        self._clock = clock
-        self._last: tuple[float, float] | None = None
-
-    def __call__(self) -> float | None:
-        reading = self._daq.snapshot()
-        if "tacho" in reading:
-            return reading["tacho"] * self._settings.tacho_rad_s_per_v
-        if "encoder" not in reading:
-            return None
-        now = (self._clock(), reading["encoder"])
-        last, self._last = self._last, now
-        if last is None or not now[0] > last[0]:
-            return math.inf
-        turn = 2.0 * math.pi / self._settings.counts_per_turn
-        return (now[1] - last[1]) * turn / (now[0] - last[0])
-
-
 def wait_for_standstill(
     daq: Daq,
     settings: HostSettings,
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> tuple[float | None, str]:
-    """Wait until two readings in a row find the motor standing."""
-    speed = _Speed(daq, settings, clock)
-    found: float | None = None
+    """Wait until two readings in a row find the motor standing, by tacho or else by encoder."""
+    speed: float | None = None
+    last: tuple[float, float] | None = None
     blind = False
 
     def look(_: int) -> str:
-        nonlocal found, blind
+        nonlocal speed, last, blind
+        speed = None
         try:
-            found = speed()
+            reading = daq.snapshot()
         except HdbenchError as error:
-            found = None
             return error.what
-        blind = found is None
         # one who cannot see is not asked again
-        stands = found is None or abs(found) < STANDSTILL_RAD_S
-        return "" if stands else f"the motor turns at {found:.4g} rad/s"
+        blind = "tacho" not in reading and "encoder" not in reading
+        if "tacho" in reading:
+            speed = reading["tacho"] * settings.tacho_rad_s_per_v
+        elif "encoder" in reading:
+            now, before = (clock(), reading["encoder"]), last
+            last, speed = now, math.inf
+            if before is not None and now[0] > before[0]:
+                turn = 2.0 * math.pi / settings.counts_per_turn
+                speed = (now[1] - before[1]) * turn / (now[0] - before[0])
+        return _turns(Seen(velocity_rad_s=speed))
 
     why = until_calm(look, clock, sleep)
     if blind:
         return None, "the device measures no motor speed"
-    known = found if found is not None and math.isfinite(found) else None
-    return known, why
+    return speed if speed is not None and math.isfinite(speed) else None, why
 
 
 def confirm_safe(

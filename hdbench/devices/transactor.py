@@ -5,10 +5,9 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import NoReturn
 
-from hdbench.devices.wire import ExceptionReply, FrameError, Link, ReplyCheck
-from hdbench.errors import DeviceError
+from hdbench.devices.wire.link import ExceptionReply, FrameError, Link, ReplyCheck
+from hdbench.errors import DeviceError, HdbenchError
 
 Build = Callable[[], tuple[bytes, ReplyCheck]]
 """Makes a request and the check of its reply; called for every try."""
@@ -18,12 +17,14 @@ TWICE = 2
 
 
 class Transactor:
-    """Sends requests; every call keeps its deadline, from any thread.
+    """Base of the access to a device: every call keeps its deadline, from any thread.
 
     Parameters
     ----------
+    kind : str
+        What the device is, for messages.
     link : Link
-        Connection to the device; its owner closes it.
+        Connection to the device; owned from now on.
     deadline_s : float
         Longest time of one call, s, the wait for another thread's transaction included.
     clock : callable, optional
@@ -31,31 +32,34 @@ class Transactor:
 
     Attributes
     ----------
+    where : str
+        The device, for messages.
     repeats : int
         Requests that were sent again so far.
     """
 
+    _fix = "check power and network of the device, then run `hdbench doctor`"
+
     def __init__(
-        self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
+        self,
+        kind: str,
+        link: Link,
+        *,
+        deadline_s: float,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self.where = f"{kind} {link.where}"
         self.repeats = 0
         self._link = link
         self._deadline_s = deadline_s
         self._clock = clock
         self._lock = threading.Lock()
 
-    def transact(
-        self,
-        build: Build,
-        attempts: int,
-        *,
-        refused: Callable[[ExceptionReply, float], NoReturn],
-        fault: Callable[[str], DeviceError],
-    ) -> bytes:
-        """Send a request and return the PDU of its reply."""
+    def transact(self, build: Build, name: str, attempts: int) -> bytes:
+        """Send a request for what is called `name` and return the PDU of its reply."""
         start_s = self._clock()
         if not self._lock.acquire(timeout=self._deadline_s):
-            raise fault("another transaction did not end")
+            raise self._fault("another transaction did not end", name)
         try:
             last = FrameError("no time left")
             for attempt in range(1, attempts + 1):
@@ -65,15 +69,33 @@ class Transactor:
                 try:
                     return self._ask(build, until_s, is_read=attempts > 1)
                 except ExceptionReply as reply:
-                    refused(reply, start_s + self._deadline_s)
+                    raise self._refused(reply, name, start_s + self._deadline_s) from reply
                 except FrameError as found:
                     self.repeats += attempt < attempts
                     self._failed(until_s)
                     last = found
             times = f", {attempts} times" if attempts > 1 else ""
-            raise fault(f"{last}{times} (deadline {self._deadline_s:g} s)") from last
+            raise self._fault(f"{last}{times} (deadline {self._deadline_s:g} s)", name) from last
         finally:
             self._lock.release()
+
+    def close(self) -> None:
+        """Close the connection; never raises."""
+        self._link.close()
+
+    def error(self, what: str, name: str, fix: str) -> DeviceError:
+        """Return an error that names a value of the device."""
+        return DeviceError(what, where=self._place(name), fix=fix)
+
+    def _place(self, name: str) -> str:
+        return f"{self.where}, {name}"
+
+    def _refused(self, reply: ExceptionReply, name: str, until_s: float) -> HdbenchError:
+        """Return what the device's refusal means; it may be asked within what is left."""
+        raise NotImplementedError
+
+    def _fault(self, what: str, name: str) -> DeviceError:
+        return self.error(what, name, self._fix)
 
     def _end_of_try(self, start_s: float, attempt: int, attempts: int) -> float:
         """Return until when one try may last."""

@@ -306,7 +306,7 @@ class ModbusAcquisition(Acquisition):
     def conflicts(self) -> Iterator[Conflict]:
         """Yield the keys of this table that do not go together."""
         yield from super().conflicts()
-        for key, place in _places(self, ()):
+        for key, place in places_in(self):
             yield from self._place_conflicts(key, place)
         if (self.output is not None or self.init) and not self.identify:
             yield Conflict(
@@ -339,7 +339,7 @@ class ModbusAcquisition(Acquisition):
             )
 
 
-def _places(table: BaseModel, base: Key) -> Iterator[tuple[Key, ModbusPlace]]:
+def places_in(table: BaseModel, base: Key = ()) -> Iterator[tuple[Key, ModbusPlace]]:
     """Yield every place in a table and the tables below it, with its key."""
     for name, value in table:
         several = isinstance(value, tuple)
@@ -348,4 +348,4 @@ def _places(table: BaseModel, base: Key) -> Iterator[tuple[Key, ModbusPlace]]:
                 key = (*base, name, number) if several else (*base, name)
                 if isinstance(part, ModbusPlace):
                     yield key, part
-                yield from _places(part, key)
+                yield from places_in(part, key)

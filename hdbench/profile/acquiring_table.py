@@ -19,9 +19,9 @@ BROKEN = (ImportError, AttributeError, TypeError, ValueError, SyntaxError)
 
 # where the driver of a name is, and its table
 _OWN = {
-    "node": ("hdbench.devices.node.opening", "hdbench.profile.acquiring_table:NodeAcquisition"),
+    "node": ("hdbench.devices.node.driver", "hdbench.profile.acquiring_table:NodeAcquisition"),
     "modbus": (
-        "hdbench.devices.modbus.opening",
+        "hdbench.devices.modbus.driver",
         "hdbench.profile.acquiring_modbus:ModbusAcquisition",
     ),
     "labjack-t": (

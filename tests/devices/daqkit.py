@@ -64,6 +64,11 @@ class Clock:
         self.now_s += max(0.0, seconds)
 
 
+def _noting(name):
+    """Return a method that notes that it was called."""
+    return lambda self: self.calls.append(name)
+
+
 @dataclass
 class FakeDaq:
     """Keeps what is done to it; the motor follows its reference at once."""
@@ -83,28 +88,23 @@ class FakeDaq:
     simulated: bool = True
     settings: object = None
 
+    claim, start, stop, clear_watchdog, close = (
+        _noting(name) for name in ("claim", "start", "stop", "clear", "close")
+    )
+
     def capabilities(self):
         return self.able
 
     def identity(self):
         return Identity("fake", "daq", "1", "0", self.simulated)
 
-    def claim(self):
-        self.calls.append("claim")
-
     def configure(self, settings):
         self.calls.append("configure")
         self.settings = settings
         return settings.sample_period_s if self.period_s is None else self.period_s
 
-    def start(self):
-        self.calls.append("start")
-
     def read_block(self):
         return self.blocks.pop(0) if self.blocks else None
-
-    def stop(self):
-        self.calls.append("stop")
 
     def write_output(self, name, value):
         if self.refuse:
@@ -129,9 +129,6 @@ class FakeDaq:
     def watchdog(self):
         return WatchdogState(True, self.tripped, 1.0)
 
-    def clear_watchdog(self):
-        self.calls.append("clear")
-
     def snapshot(self):
         volts = self.stuck_speed_v
         return {"tacho": self.reference_v if volts is None else volts}
@@ -142,9 +139,6 @@ class FakeDaq:
             return SafeState(False, None, None, self.refuse)
         self.reference_v, self.enabled = 0.0, False
         return SafeState(True, 0.0, None, "outputs zero")
-
-    def close(self):
-        self.calls.append("close")
 
 
 def block(first, values, *, lost=0, read_s=(0.0, 0.0), saturated=None, roles=ROLES, **changes):

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +19,8 @@ from hdbench.devices.emulator.node import build_core
 from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.access import NodeAccess, node_probe
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.link import connect
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
 
@@ -122,7 +123,6 @@ def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[Serve
         yield ServedNode(core, host, int(port), events)
 
 
-@contextmanager
 def driver(
     host: str,
     port: int,
@@ -130,7 +130,7 @@ def driver(
     deadline_s: float = 1.0,
     watchdog_s: float = 0.5,
     clock: ManualClock | None = None,
-) -> Iterator[HostedBench]:
+) -> AbstractContextManager[HostedBench]:
     """Connect a driver; with `clock` its waits take no time."""
     waits = {} if clock is None else {"clock": clock, "sleep": clock.sleep}
     daq = NodeDaq(
@@ -139,11 +139,7 @@ def driver(
         tacho_rad_s_per_v=PROFILE.tacho.gain_rad_s_per_v,
         **waits,
     )
-    bench = HostedBench(daq, host_settings(PROFILE, watchdog_s=watchdog_s), **waits)
-    try:
-        yield bench
-    finally:
-        bench.close()
+    return closing(HostedBench(daq, host_settings(PROFILE, watchdog_s=watchdog_s), **waits))
 
 
 def node_wire(host: str, port: int, *, deadline_s: float) -> NodeAccess:
@@ -202,28 +198,27 @@ Handler = Callable[[socket.socket, bytes], None]
 
 
 @contextmanager
-def rogue(handler: Handler) -> Iterator[tuple[str, int, list[bytes]]]:
+def rogue(
+    handler: Handler, wrap: Callable[[socket.socket], socket.socket] = lambda plain: plain
+) -> Iterator[tuple[str, int, list[bytes]]]:
     """Run `handler(connection, frame)` for every request frame; yields host, port, frames seen."""
     listener = socket.create_server(("127.0.0.1", 0))
     frames: list[bytes] = []
     connections: list[socket.socket] = []
 
-    def talk(connection: socket.socket) -> None:
-        try:
+    def talk(plain: socket.socket) -> None:
+        with suppress(OSError):
+            connection = wrap(plain)
+            connections.append(connection)
             while frame := read_frame(connection):
                 frames.append(frame)
                 handler(connection, frame)
-        except OSError:
-            return
 
     def accept() -> None:
-        while True:
-            try:
-                connection, _ = listener.accept()
-            except OSError:
-                return
-            connections.append(connection)
-            threading.Thread(target=talk, args=(connection,), daemon=True).start()
+        with suppress(OSError):
+            while True:
+                connections.append(listener.accept()[0])
+                threading.Thread(target=talk, args=(connections[-1],), daemon=True).start()
 
     thread = threading.Thread(target=accept, daemon=True)
     thread.start()
@@ -239,13 +234,14 @@ def rogue(handler: Handler) -> Iterator[tuple[str, int, list[bytes]]]:
 
 def read_frame(connection: socket.socket) -> bytes:
     """Return one whole Modbus TCP frame, or nothing at the end of the stream."""
-    data = b""
-    while len(data) < 6 or len(data) < 6 + struct.unpack(">H", data[4:6])[0]:
-        need = 6 - len(data) if len(data) < 6 else 6 + struct.unpack(">H", data[4:6])[0] - len(data)
-        chunk = connection.recv(need)
+    data, size = b"", 6
+    while len(data) < size:
+        chunk = connection.recv(size - len(data))
         if not chunk:
             return b""
         data += chunk
+        if len(data) == 6:
+            size += int.from_bytes(data[4:6], "big")
     return data
 
 

@@ -3,9 +3,9 @@
 import pytest
 from nodekit import ManualClock
 
-from hdbench.devices.node.access import NodeWire
+from hdbench.devices.node.access import NodeAccess
 from hdbench.devices.node.registers import LIMITS, register
-from hdbench.devices.wire import ExceptionReply, FrameError
+from hdbench.devices.wire.link import ExceptionReply, FrameError
 from hdbench.errors import DeviceError
 
 DEADLINE_S = 0.2
@@ -41,7 +41,7 @@ class RefusingLink:
 def test_the_reason_of_a_refusal_is_asked_for_in_what_is_left(call):
     clock = ManualClock()
     link = RefusingLink(clock, 0.45 * DEADLINE_S)
-    wire = NodeWire(link, deadline_s=DEADLINE_S, clock=clock)
+    wire = NodeAccess(link, deadline_s=DEADLINE_S, clock=clock)
     start_s = clock.now_s
     with pytest.raises(DeviceError, match="refused"):
         call(wire)

@@ -3,13 +3,12 @@
 import os
 import socket
 import struct
-import threading
 import time
 import tty
 
-import pytest
 from faults.lines import faulty_serial, faulty_tcp
 from faults.mangler import FAULT_KINDS, Mangler, RawFraming, RtuFraming, TcpFraming
+from nodekit import rogue
 
 from hdbench.devices.wire.rtu import crc16
 
@@ -111,32 +110,6 @@ def test_a_share_of_the_frames_is_changed_and_counted():
     assert abs(sum(gone) - 400) < 90
 
 
-@pytest.fixture
-def echo_server():
-    """Serve the bytes that come back to their sender."""
-    listener = socket.create_server(("127.0.0.1", 0))
-
-    def run() -> None:
-        while True:
-            try:
-                near, _ = listener.accept()
-            except OSError:
-                return
-            with near:
-                try:
-                    while data := near.recv(4096):
-                        near.sendall(data)
-                except OSError:
-                    continue
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    yield listener.getsockname()
-    listener.shutdown(socket.SHUT_RDWR)
-    listener.close()
-    thread.join(5)
-
-
 def _asked(address: tuple[str, int], count: int = 1, timeout_s: float = 2.0) -> bytes:
     with socket.create_connection(address, timeout=timeout_s) as host:
         host.sendall(READ * count)
@@ -149,22 +122,23 @@ def _asked(address: tuple[str, int], count: int = 1, timeout_s: float = 2.0) -> 
         return data
 
 
-def test_on_tcp_the_host_sees_the_fault(echo_server):
-    with faulty_tcp(*echo_server, Mangler("duplicate", TcpFraming())) as near:
-        assert _asked(near, 2)[: 2 * len(READ)] == READ * 2
-    with faulty_tcp(*echo_server, Mangler("late", TcpFraming(), late_s=0.2)) as near:
-        start_s = time.monotonic()
-        assert _asked(near) == READ
-        # a busy machine may add to it, never take from it
-        assert time.monotonic() - start_s >= 0.2
-    with faulty_tcp(*echo_server, Mangler("slow-loris", TcpFraming(), late_s=0.01)) as near:
-        start_s = time.monotonic()
-        assert _asked(near) == READ
-        assert time.monotonic() - start_s >= 0.01 * len(READ)
-    with faulty_tcp(*echo_server, Mangler("fin", TcpFraming())) as near:
-        assert _asked(near) == b""
-    with faulty_tcp(*echo_server, Mangler("reset", TcpFraming())) as near:
-        assert _asked(near) == b"ConnectionResetError"
+def test_on_tcp_the_host_sees_the_fault():
+    with rogue(lambda connection, frame: connection.sendall(frame)) as (*echo_server, _):
+        with faulty_tcp(*echo_server, Mangler("duplicate", TcpFraming())) as near:
+            assert _asked(near, 2)[: 2 * len(READ)] == READ * 2
+        with faulty_tcp(*echo_server, Mangler("late", TcpFraming(), late_s=0.2)) as near:
+            start_s = time.monotonic()
+            assert _asked(near) == READ
+            # a busy machine may add to it, never take from it
+            assert time.monotonic() - start_s >= 0.2
+        with faulty_tcp(*echo_server, Mangler("slow-loris", TcpFraming(), late_s=0.01)) as near:
+            start_s = time.monotonic()
+            assert _asked(near) == READ
+            assert time.monotonic() - start_s >= 0.01 * len(READ)
+        with faulty_tcp(*echo_server, Mangler("fin", TcpFraming())) as near:
+            assert _asked(near) == b""
+        with faulty_tcp(*echo_server, Mangler("reset", TcpFraming())) as near:
+            assert _asked(near) == b"ConnectionResetError"
 
 
 def test_on_a_serial_line_the_host_sees_the_fault():

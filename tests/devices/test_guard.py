@@ -25,7 +25,7 @@ from hdbench.devices.guard import bench as launching
 from hdbench.devices.guard.order import Look, as_json
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
-from hdbench.devices.wire import FrameError, read_registers, write_register
+from hdbench.devices.wire.link import FrameError, read_registers, write_register
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile

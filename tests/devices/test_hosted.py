@@ -252,17 +252,6 @@ def test_a_session_that_hangs_stops_the_motor_and_starves_the_watchdog():
     control.halt()
 
 
-def test_a_crossed_limit_zeroes_the_reference_within_a_turn():
-    daq = FakeDaq(clock=RealClock())
-    control, _ = running(daq)
-    until(lambda: daq.reference_v == 2.0, 3.0)
-    control.crossed("motor speed 500 rad/s crossed the limit")
-    until(lambda: daq.reference_v == 0.0, 0.2)
-    with pytest.raises(DeviceError, match="crossed"):
-        control.check()
-    control.halt()
-
-
 def test_a_device_that_refuses_a_write_ends_the_thread_with_its_error():
     daq = FakeDaq(clock=RealClock())
     daq.refuse = "output broken"
@@ -318,13 +307,6 @@ def test_a_value_that_was_on_its_way_at_the_stop_is_followed_by_another_zero(mon
     assert daq.written[-1][1] != 0.0, "the value came after the halt"
     assert daq.calls.count("safe") == 2
     assert daq.reference_v == 0.0
-
-
-def test_no_thread_is_left_behind():
-    daq = FakeDaq(clock=RealClock())
-    control, _ = running(daq)
-    control.halt()
-    assert not any(thread.name == "hdbench-control" for thread in threading.enumerate())
 
 
 # -- start, stop, safe state ----------------------------------------------------------------------

@@ -9,7 +9,9 @@ from stopwatch import Stopwatch
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.guard import order_of
-from hdbench.devices.wire import FrameError, address, connect, parse_address, read_registers
+from hdbench.devices.wire import address
+from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.link import FrameError, connect, read_registers
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_table import TlsFiles
@@ -54,7 +56,7 @@ def named(data, found):
 def link_of(daq):
     """Return the connection that carries a driver's requests."""
     daq = getattr(daq, "_outputs", daq) if hasattr(daq, "_inputs") else daq
-    for name in ("_node", "_control", "_access"):
+    for name in ("node", "control", "_access"):
         if hasattr(daq, name):
             return getattr(daq, name)._link
     raise AssertionError(f"{type(daq).__name__}: {sorted(vars(daq))}")

@@ -6,13 +6,22 @@ import time
 
 import numpy as np
 import pytest
+from faults.lines import emulated
 from nodekit import PROFILE, ManualClock, TinyBench, codes_of, driver, served, through, until
 from pymodbus.client import ModbusTcpClient
+from served import read_all
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator
-from hdbench.devices.daq import DaqSettings
+from hdbench.devices.daq import clean_text
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.node import build_core
+from hdbench.devices.emulator.node import (
+    NodeCore,
+    RefusedError,
+    build_core,
+    identity_values,
+    limit_values,
+)
+from hdbench.devices.node.driver import open_node
 from hdbench.devices.node.registers import Refusal, State, register
 from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile.schema import ReferenceWave
@@ -28,21 +37,7 @@ def _begin(bench, n_samples, *, period_s=1e-3, wave=WAVE):
 def _acquired(bench, n_samples):
     """Return the blocks of a whole acquisition."""
     _begin(bench, n_samples)
-    return _collect(bench, n_samples)
-
-
-def _collect(bench, n_samples):
-    """Read blocks until the acquisition is over; return them."""
-    blocks = []
-    until_s = time.monotonic() + 20.0
-    while time.monotonic() < until_s:
-        block = bench.read_block()
-        if block is None:
-            continue
-        blocks.append(block)
-        if not block.running and block.depth == 0:
-            return blocks
-    raise AssertionError(f"{sum(map(len, blocks))} of {n_samples} samples in 20 s")
+    return read_all(bench)
 
 
 def _check_values(blocks):
@@ -91,7 +86,7 @@ def test_the_parameter_block_reaches_the_bench_as_written():
         _begin(bench, 500, period_s=2e-3, wave=wave)
         bench.stop()
         _begin(bench, 7, period_s=1e-2, wave=None)
-        assert _gaps(_collect(bench, 7), 7) == 0
+        assert _gaps(read_all(bench), 7) == 0
     (period_s, got, duration_s), (_, none, _) = tiny.begun
     assert (period_s, duration_s) == (pytest.approx(2e-3), pytest.approx(1.0))
     assert got.wave == "trapezoid"
@@ -107,7 +102,7 @@ def test_real_time_delivers_every_sample_at_the_rate_asked_for():
         bench.configure(AcquisitionSettings(1e-3, n_samples, WAVE))
         start_s = time.monotonic()
         bench.start()
-        blocks = _collect(bench, n_samples)
+        blocks = read_all(bench)
         took_s = time.monotonic() - start_s
     assert _gaps(blocks, n_samples) == 0
     _check_values(blocks)
@@ -170,41 +165,38 @@ def test_losses_at_the_very_end_are_told_before_an_empty_block():
     with served(pace="realtime") as node, driver(node.host, node.port) as bench:
         # at 10 kHz the buffer of 4096 fills after 0.41 s, the acquisition ends after 0.5 s
         _begin(bench, 5000, period_s=1e-4, wave=None)
-        until(lambda: bench.daq.status()["state"] == State.TRIPPED or _ended(bench), 3.0)
-        blocks = _collect(bench, 5000)
+        until(lambda: bench.daq.status()["state"] in (State.TRIPPED, State.FINISHED), 3.0)
+        blocks = read_all(bench)
     assert _gaps(blocks, 5000) == 5000 - 4096
     assert len(blocks[-1]) == 0
     assert blocks[-1].lost_before == 5000 - 4096
 
 
-def _ended(bench):
-    return bench.daq.status()["state"] == State.FINISHED
-
-
-def test_a_full_scale_code_is_marked_as_saturated():
-    with served() as node, driver(node.host, node.port) as bench:
-        limits = bench.daq.limits()
-        from hdbench.devices.emulator.machine import (
-            BlockHeader,
-            encode_block,
-            encode_scans,
-            seal_block,
-        )
-        from hdbench.devices.node.blocks import BlockReader
-
-        settings = DaqSettings(("torque", "reference"), 1e-3, 4, 0.5)
-        reader = BlockReader({**limits, "converter_bits": 12}, settings, run=1, where="node")
-        # the top step of a 12-bit converter, left-justified, is 32768 - 16
-        torque = np.array([32752, 32736, -32768, -32752])
-        codes = np.zeros((4, 4), dtype=np.int16)
-        codes[:, 0] = torque
-        scans = encode_scans(codes, np.zeros(4, dtype=np.int64))
-        header = BlockHeader(run=1, seq=1, flags=2, depth=0, first_index=0, channels=0b1001)
-        block = reader.take(seal_block(encode_block(header, scans), 0), (0.0, 0.0))
-    assert block.saturated.tolist() == [[True, False], [False, False], [True, False], [False] * 2]
-
-
 # -- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("converter_bits", 0),
+        ("converter_bits", 24),
+        ("range_v", 0.0),
+        ("range_v", float("nan")),
+        ("current_range_a", -1.0),
+        ("limit_velocity_rad_s", float("inf")),
+    ],
+)
+def test_a_scale_that_no_node_can_have_is_an_error_with_its_register(name, value):
+    machine = NodeMachine(TinyBench(), pace="fast", clock=lambda: 0.0, record=lambda _: None)
+    limits = {**limit_values(PROFILE), name: value}
+    core = NodeCore(machine, identity=identity_values(0), limits=limits, clock=lambda: 0.0)
+    with emulated(core) as address:
+        table = PROFILE.daq.model_copy(update={"address": address})
+        daq = open_node(PROFILE, table)
+        with pytest.raises(DeviceError, match=name) as told:
+            daq.capabilities()
+        daq.close()
+    assert f"register {name}" in told.value.where
 
 
 @pytest.mark.parametrize(
@@ -267,22 +259,11 @@ def test_another_modbus_client_is_refused_with_the_documented_exception(
 def test_a_nan_reference_is_refused():
     core = build_core(TinyBench(), PROFILE, 0, pace="fast")
     _configure(core, n_samples=100)
-    from hdbench.devices.emulator.parameters import RefusedError
 
     with pytest.raises(RefusedError) as caught:
         core.write("holding", register("amplitude_v").address, struct.pack(">f", float("nan")), 1)
     assert caught.value.exception == 3
     assert caught.value.reason == Refusal.REFERENCE_LIMIT
-
-
-def test_pymodbus_alone_reads_identity_and_word_order():
-    with served() as node:
-        client = ModbusTcpClient(node.host, port=node.port, retries=0, timeout=2)
-        client.connect()
-        assert client.read_holding_registers(0x0100, count=2).registers == [0x0011, 0x2233]
-        raw = client.read_holding_registers(0x0140, count=2).registers
-        assert struct.unpack(">f", struct.pack(">HH", *raw))[0] == PROFILE.limits.reference_v
-        client.close()
 
 
 # -- watchdog, safe state, session ----------------------------------------------------------------
@@ -312,7 +293,7 @@ def test_the_trip_shows_in_the_next_block():
         _begin(bench, 100_000)
         bench.read_block()
         until(lambda: bench.daq.status()["state"] == State.TRIPPED, 2.0)
-        flags = [block for block in _collect(bench, 0) if block.watchdog_tripped]
+        flags = [block for block in read_all(bench) if block.watchdog_tripped]
     assert flags
     assert not flags[-1].running
 
@@ -360,7 +341,7 @@ def test_the_safe_state_is_reached_and_confirmed_from_any_state(state):
             bench.start()
             bench.read_block()
         if state == "finished":
-            _collect(bench, 400)
+            read_all(bench)
         if state == "tripped":
             until(lambda: bench.daq.status()["state"] == State.TRIPPED, 2.0)
         if state == "safe":
@@ -438,7 +419,6 @@ def test_a_session_outlives_a_lost_connection_and_ends_with_its_host():
     clock = ManualClock()
     core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=clock)
     token = register("session").address
-    from hdbench.devices.emulator.parameters import RefusedError
 
     core.write("holding", token, struct.pack(">I", 7), 1)
     core.left(1)
@@ -486,7 +466,6 @@ def test_another_device_is_recognised_before_anything_is_written():
 
 
 def test_control_characters_of_the_device_are_not_passed_on():
-    from hdbench.devices.daq import clean_text
 
     assert clean_text(b"T\x1b[31m7\x07\xff\r\n\x00junk") == "T[31m7"
     assert clean_text("nödë\N{RIGHT-TO-LEFT OVERRIDE}".encode()) == "nödë"
@@ -551,24 +530,3 @@ def _drain(core, clock, *, pause_after, pause_s):
             return received, lost
         clock.now_s += 0.004
     raise AssertionError("the acquisition did not end")
-
-
-def test_the_machine_needs_no_wire():
-    clock = ManualClock()
-    seen = []
-    machine = NodeMachine(
-        TinyBench(), pace="realtime", clock=clock, record=lambda e: seen.append(e["event"])
-    )
-    machine.start({**_parameters(), "n_samples": 5})
-    clock.now_s += 0.0042
-    machine.tick()
-    assert machine.fifo.taken == 5
-    assert machine.state == State.FINISHED
-    assert seen[0] == "start"
-    assert seen[-1] == "finished"
-
-
-def _parameters():
-    from hdbench.devices.emulator.parameters import DEFAULT_PARAMETERS
-
-    return {**DEFAULT_PARAMETERS, "wave": 1, "amplitude_v": 1.0, "watchdog_ms": 500}

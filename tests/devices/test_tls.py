@@ -3,17 +3,18 @@
 import shutil
 import socket
 import ssl
-import struct
 import subprocess
-import threading
 import time
 from contextlib import closing
+from functools import partial
 
 import pytest
+from nodekit import adu, rogue
 from stopwatch import Stopwatch
 
 from hdbench.devices.modbus.links import polled_link
-from hdbench.devices.wire import FrameError, connect, parse_address, read_registers
+from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.link import FrameError, connect, read_registers
 from hdbench.errors import UsageError
 from hdbench.profile.acquiring_table import TlsFiles
 
@@ -57,41 +58,16 @@ def folder(tmp_path_factory):
     return folder
 
 
-class _Node:
-    """Answers one read per connection inside TLS; asks for the host's certificate."""
-
-    def __init__(self, folder, certificate="node"):
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        context.load_cert_chain(folder / f"{certificate}.pem", folder / f"{certificate}.key")
-        context.load_verify_locations(folder / "ours.pem")
-        context.verify_mode = ssl.CERT_REQUIRED
-        self._context = context
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.port = self._listener.getsockname()[1]
-        self.requests = []
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def _serve(self):
-        while True:
-            try:
-                connection, _ = self._listener.accept()
-            except OSError:
-                return
-            try:
-                with connection, self._context.wrap_socket(connection, server_side=True) as secure:
-                    while request := secure.recv(260):
-                        self.requests.append(request)
-                        pdu = bytes((3, 4, 0, 17, 34, 51))
-                        head = struct.pack(">HHB", 0, len(pdu) + 1, 1)
-                        secure.sendall(request[:2] + head + pdu)
-            except OSError:
-                continue
-
-    def close(self):
-        self._listener.shutdown(socket.SHUT_RDWR)
-        self._listener.close()
-        self._thread.join(5)
+def _node(folder, certificate="node"):
+    """Answer reads inside TLS; asks for the host's certificate."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(folder / f"{certificate}.pem", folder / f"{certificate}.key")
+    context.load_verify_locations(folder / "ours.pem")
+    context.verify_mode = ssl.CERT_REQUIRED
+    return rogue(
+        lambda connection, frame: connection.sendall(adu(frame, bytes((3, 4, 0, 17, 34, 51)))),
+        partial(context.wrap_socket, server_side=True),
+    )
 
 
 def _files(folder, *, host="host", authority="ours", server_name=None):
@@ -112,10 +88,10 @@ def _read(port, files, deadline_s=2.0, make=connect):
 @pytest.mark.parametrize("make", [connect, polled_link])
 @pytest.mark.parametrize("server_name", [None, "bench-7"])
 def test_a_read_passes_where_both_certificates_are_signed(folder, server_name, make):
-    with closing(_Node(folder)) as node:
+    with _node(folder) as (_, port, requests):
         files = _files(folder, server_name=server_name)
-        assert _read(node.port, files, make=make)[2:] == b"\x00\x11\x22\x33"
-    assert len(node.requests) == 1
+        assert _read(port, files, make=make)[2:] == b"\x00\x11\x22\x33"
+    assert len(requests) == 1
 
 
 @pytest.mark.parametrize(
@@ -131,44 +107,21 @@ def test_a_read_passes_where_both_certificates_are_signed(folder, server_name, m
 @pytest.mark.parametrize("make", [connect, polled_link])
 def test_nothing_is_asked_of_a_device_that_cannot_be_trusted(folder, certificate, files, make):
     with (
-        closing(_Node(folder, certificate)) as node,
+        _node(folder, certificate) as (_, port, requests),
         pytest.raises(FrameError, match=r"no secure connection|closed|no connection|reset"),
     ):
-        _read(node.port, _files(folder, **files), make=make)
-    assert not node.requests
+        _read(port, _files(folder, **files), make=make)
+    assert not requests
 
 
-def test_a_plain_modbus_server_is_no_secure_one():
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port = listener.getsockname()[1]
-        thread = threading.Thread(target=lambda: _hang_up(listener), daemon=True)
-        thread.start()
-        watch = Stopwatch()
-        with pytest.raises(FrameError):
-            _read_plain(port)
-        assert watch.s < 5.0
-        thread.join(5)
-
-
-def _hang_up(listener):
-    connection, _ = listener.accept()
-    with connection:
-        connection.recv(512)
-        connection.sendall(b"\0\1\0\0\0\3\1\x83\1")
-
-
-def _read_plain(port):
-    """Connect with the system's own certificates: the server has none to show."""
-    context = ssl.create_default_context()
-    from hdbench.devices.wire.tcp import TcpLink
-
-    link = TcpLink(
-        parse_address(f"tls://127.0.0.1:{port}"),
-        1,
-        secure=lambda connection: context.wrap_socket(connection, server_hostname="127.0.0.1"),
-    )
-    with closing(link):
-        link.transact(*read_registers(0, 1), time.monotonic() + 0.5)
+def test_a_plain_modbus_server_is_no_secure_one(folder):
+    watch = Stopwatch()
+    with (
+        rogue(lambda connection, frame: connection.sendall(adu(frame, b"\x83\1"))) as (_, port, _),
+        pytest.raises(FrameError),
+    ):
+        _read(port, _files(folder), deadline_s=0.5)
+    assert watch.s < 5.0
 
 
 def test_a_silent_server_does_not_hold_the_handshake_beyond_the_deadline(folder):

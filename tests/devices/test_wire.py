@@ -13,7 +13,7 @@ from nodekit import adu, node_wire, rogue
 from stopwatch import Stopwatch
 
 from hdbench.devices.node.registers import FEED, IDENTITY, PARAMETERS, STATUS, register
-from hdbench.devices.wire import ExceptionReply, FrameError, registers_check
+from hdbench.devices.wire.link import ExceptionReply, FrameError, registers_check
 from hdbench.devices.wire.rtu import crc16
 from hdbench.devices.wire.tcp import next_reply
 from hdbench.errors import DeviceError

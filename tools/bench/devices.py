@@ -29,8 +29,7 @@ import numpy as np
 
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
-from hdbench.devices.node.driver import REPLY_CHARACTERS, REQUEST_CHARACTERS
-from hdbench.devices.node.opening import open_node
+from hdbench.devices.node.driver import REPLY_CHARACTERS, REQUEST_CHARACTERS, open_node
 from hdbench.devices.node.registers import block_registers, block_scans
 from hdbench.devices.wire.address import parse_address
 from hdbench.profile import load_profile
@@ -282,11 +281,11 @@ def _raw_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
 
 def _driver_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
     """Return exchanges per second of the driver: checked bytes, or decoded and scaled blocks."""
-    from hdbench.devices.node.access import NodeWire
+    from hdbench.devices.node.access import NodeAccess
     from hdbench.devices.node.blocks import BlockReader
-    from hdbench.devices.wire import connect
+    from hdbench.devices.wire.link import connect
 
-    wire = NodeWire(connect(parse_address(f"tcp://127.0.0.1:{port}")), deadline_s=1.0)
+    wire = NodeAccess(connect(parse_address(f"tcp://127.0.0.1:{port}")), deadline_s=1.0)
     limits = {
         "range_v": 10.0, "current_range_a": 10.0, "converter_bits": 16,
         "limit_velocity_rad_s": 400.0, "encoder_counts_per_turn": 4000,
@@ -366,7 +365,7 @@ def _rate(ask: Callable[[], object], seconds: float) -> tuple[float, float]:
 @contextmanager
 def _strict(port: int, start: int, count: int) -> Iterator[Callable[[], object]]:
     from hdbench.devices.modbus.links import polled_link
-    from hdbench.devices.wire import read_registers
+    from hdbench.devices.wire.link import read_registers
 
     link = polled_link(parse_address(f"tcp://127.0.0.1:{port}"))
     request, check = read_registers(start, count)

@@ -21,12 +21,12 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from faults.lines import faulty_tcp
 from faults.mangler import FAULT_KINDS, PACKET_FAULTS, Mangler, Spoil, TcpFraming, flipped
-from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack.control import Control
-from hdbench.drivers.labjack.packets import PacketParser, StreamFault
 from hdbench.drivers.labjack.registers import IDENTITY, TEST
 from hdbench.drivers.labjack.scanlist import ScanLayout
-from hdbench.drivers.labjack.stream import ScanAssembler
+from hdbench.drivers.labjack.stream import PacketParser, ScanAssembler, StreamFault
 from hdbench.errors import DeviceError
 
 LAYOUT = ScanLayout(4, 2, 40_000.0)

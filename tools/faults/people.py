@@ -27,8 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from faults.kit import Row, in_time, preloaded, short_profile
 from faults.lines import emulated
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.node import NodeCore
-from hdbench.devices.emulator.parameters import identity_values, limit_values
+from hdbench.devices.emulator.node import NodeCore, identity_values, limit_values
 from hdbench.devices.node.registers import Capability
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant

@@ -32,7 +32,7 @@ from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.modbus.outputs import Outputs
 from hdbench.devices.registers import Register, Space
-from hdbench.devices.wire import parse_address
+from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition

@@ -26,8 +26,7 @@ from faults.mangler import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import Wire
-from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.opening import open_node
+from hdbench.devices.node.driver import NodeDaq, open_node
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError
 from hdbench.plant.converter import RawSamples

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from faults import replies
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.host import HostedBench, host_settings
-from hdbench.devices.node.opening import open_node
+from hdbench.devices.node.driver import open_node
 from hdbench.filter import preset
 from hdbench.records.counted import survey_samples
 from hdbench.records.journal import JournalReader, JournalWriter

@@ -93,7 +93,7 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     Calibrate, measure misalignment and ripple, let the diagnosis find the faults of the plant, and
     write one report.
     """
-    from hdbench.devices.simulation import hidden_effects
+    from hdbench.devices.operator import hidden_effects
     from hdbench.diagnosis import diagnose_run
     from hdbench.profile import load_profile
     from hdbench.records import result_header

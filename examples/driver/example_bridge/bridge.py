@@ -39,10 +39,6 @@ class BridgeDaq(InputsOnly):
             inputs=(InputInfo("torque", -RANGE_V, RANGE_V, bits=24),),
             max_rates_hz=(MAX_RATE_HZ,),
             min_rate_hz=1.0,
-            outputs=(),
-            generator=False,
-            enable=False,
-            watchdog=None,
             simulated=self.identity().simulated,
         )
 

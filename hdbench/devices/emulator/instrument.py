@@ -39,7 +39,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
 import numpy as np
@@ -106,6 +106,7 @@ class ElectricalSamples:
         return len(self.count)
 
 
+@dataclass(eq=False)
 class SimulatedInstrument:
     """One simulated bench wired to a device.
 
@@ -124,22 +125,16 @@ class SimulatedInstrument:
         Wall clock of the records, s.
     """
 
-    def __init__(
-        self,
-        bench: SimulatedBench,
-        counts_per_turn: int,
-        *,
-        clock: Callable[[], float],
-        record: Record = lambda _: None,
-        monotonic: Callable[[], float] = time.monotonic,
-    ) -> None:
+    bench: SimulatedBench
+    counts_per_turn: int
+    _: KW_ONLY
+    clock: Callable[[], float]
+    record: Record = lambda _: None
+    monotonic: Callable[[], float] = time.monotonic
+
+    def __post_init__(self) -> None:
         self.reference_v = 0.0
         self.enabled = False
-        self._bench = bench
-        self._counts_per_turn = counts_per_turn
-        self._clock = clock
-        self._record = record
-        self._monotonic = monotonic
         self._sampling = False
         # what the counter reads at the home mark
         self._count_offset = 0
@@ -230,7 +225,7 @@ class SimulatedInstrument:
         Parameters are those of `SimulatedBench.set_fixture`.
         """
         self._pass_time()
-        self._bench.set_fixture(
+        self.bench.set_fixture(
             locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
         )
 
@@ -240,11 +235,11 @@ class SimulatedInstrument:
         Parameters are those of `SimulatedBench.set_handling`.
         """
         self._pass_time()
-        self._bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
+        self.bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
 
     def truth(self) -> dict[str, object]:
         """Return everything that is simulated, as `SimulatedBench.truth`."""
-        return self._bench.truth()
+        return self.bench.truth()
 
     @property
     def _command_v(self) -> float:
@@ -263,21 +258,21 @@ class SimulatedInstrument:
 
     def _hold(self) -> int:
         """Return how many holds have ended by now."""
-        return int((self._clock() - self._origin_s) / self._timeline.sample_period_s)
+        return int((self.clock() - self._origin_s) / self._timeline.sample_period_s)
 
     def _next_hold(self) -> int:
         """Return the first hold that a value written now can still fill."""
-        elapsed = (self._clock() - self._origin_s) / self._timeline.sample_period_s
+        elapsed = (self.clock() - self._origin_s) / self._timeline.sample_period_s
         # a hold that began a hundredth of itself ago is taken for one that begins now
         return max(0, int(elapsed + 0.99))
 
     def _open(
         self, period_s: float, *, start: tuple[float, float] = (0.0, 0.0), counted: bool = True
     ) -> None:
-        self._timeline = self._bench.begin_host_written(
+        self._timeline = self.bench.begin_host_written(
             sample_period_s=period_s, start=start, counted=counted
         )
-        self._origin_s = self._clock()
+        self._origin_s = self.clock()
         self._put_out = ReferenceLine(np.array([self.reference_v]))
         self._timeline.write(0, self._command_v)
 
@@ -287,7 +282,7 @@ class SimulatedInstrument:
 
     def _produce(self, count: int) -> ElectricalSamples:
         first = self._timeline.served
-        true = self._bench.measure(count)
+        true = self.bench.measure(count)
         volts: dict[Input, FloatArray] = {
             "torque": true.torque_v,
             "tacho": true.tacho_v,
@@ -295,7 +290,7 @@ class SimulatedInstrument:
             "reference": self._put_out.values(first, count),
         }
         self._put_out.forget(self._timeline.served - 1)
-        angle = to_count(true.angle_rad, self._counts_per_turn)
+        angle = to_count(true.angle_rad, self.counts_per_turn)
         samples = ElectricalSamples(first, volts, angle + self._count_offset)
         if count:
             self._newest = samples
@@ -304,11 +299,11 @@ class SimulatedInstrument:
         return samples
 
     def _note(self, event: str) -> None:
-        self._record(
+        self.record(
             {
                 "event": event,
-                "monotonic_s": self._monotonic(),
-                "device_s": self._clock(),
+                "monotonic_s": self.monotonic(),
+                "device_s": self.clock(),
                 "reference_v": self.reference_v,
                 "enabled": self.enabled,
                 "velocity_rad_s": self.velocity_rad_s,

@@ -12,13 +12,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.emulator.parameters import FIFO_SCANS, reference_wave
+from hdbench.devices.node import registers as reg
 from hdbench.devices.node.blocks import CRC_AT, DATA_AT, HEADER
-from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, block_scans
 from hdbench.devices.registers import BLOCK_DATA_REGISTERS, Value
 from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.bench import SimulatedBench
+from hdbench.profile.schema import ReferenceWave
 
+# four seconds at 1 kHz: twice the longest watchdog time
+FIFO_SCANS = 4096
+# values come as 32-bit floats, rounded by at most 6e-8 of their size
+ROUNDING = 1e-6
 # four codes and a 32-bit encoder: what the node keeps of a scan
 SCAN_BYTES = 12
 _WINDOW_BYTES = DATA_AT + 2 * BLOCK_DATA_REGISTERS
@@ -31,8 +35,20 @@ _FAST_CHUNK_S = 0.2
 _FAST_CHUNK_BLOCKS = 10
 # fast pace: device time that passes per look at a motor that is still turning
 _FAST_IDLE_S = 0.02
-_OVERFLOW, _RUNNING = int(Flag.OVERFLOW), int(Flag.RUNNING)
-_TRIPPED, _ENABLED = int(Flag.WATCHDOG_TRIPPED), int(Flag.DRIVE_ENABLED)
+_OVERFLOW, _RUNNING = int(reg.Flag.OVERFLOW), int(reg.Flag.RUNNING)
+_TRIPPED, _ENABLED = int(reg.Flag.WATCHDOG_TRIPPED), int(reg.Flag.DRIVE_ENABLED)
+
+
+def reference_wave(values: Mapping[str, Value]) -> ReferenceWave | None:
+    """Return the wave that a checked parameter block means."""
+    code = int(values["wave"])
+    if code in (0, reg.PROGRAM_WAVE):
+        return None
+    numbers = {name: float(values[name]) for name in reg.WAVE_NUMBERS}
+    duty, rise, fall = (numbers[name] for name in ("duty", "rise", "fall"))
+    if reg.WAVES[code] == "trapezoid" and 0.0 < rise + duty + fall - 1.0 <= ROUNDING:
+        numbers["duty"] = 1.0 - rise - fall
+    return ReferenceWave.model_validate({"wave": reg.WAVES[code], **numbers})
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,10 +179,10 @@ class NodeMachine:
         self, bench: SimulatedBench, *, pace: Pace, clock: Callable[[], float], record: Record
     ) -> None:
         self.bench = bench
-        self.state = State.IDLE
+        self.state = reg.State.IDLE
         self.fifo = ScanFifo(FIFO_SCANS)
         self.starts = self.trips = self.encoder_count = 0
-        self.channels = ALL_CHANNELS
+        self.channels = reg.ALL_CHANNELS
         self.device_s = self.mark_start_s = self.mark_stop_s = 0.0
         self._pace = pace
         self._clock = clock
@@ -179,12 +195,12 @@ class NodeMachine:
     @property
     def busy(self) -> bool:
         """Whether an acquisition runs or the motor is not at a standstill yet."""
-        return self.state == State.RUNNING or self.bench.enabled
+        return self.state == reg.State.RUNNING or self.bench.enabled
 
     @property
     def block_scans(self) -> int:
         """Scans of a full block with the channels chosen."""
-        return block_scans(self.channels.bit_count())
+        return reg.block_scans(self.channels.bit_count())
 
     def start(
         self, parameters: Mapping[str, Value], program: ReferenceProgram | None = None
@@ -194,7 +210,7 @@ class NodeMachine:
         self._period_s = 1e-9 * int(parameters["sample_period_ns"])
         self._n_samples = int(parameters["n_samples"])
         self._watchdog_s = 1e-3 * int(parameters["watchdog_ms"])
-        self.channels = int(parameters["channels"]) or ALL_CHANNELS
+        self.channels = int(parameters["channels"]) or reg.ALL_CHANNELS
         self.fifo.clear()
         self.bench.begin(
             sample_period_s=self._period_s, wave=wave, duration_s=self._n_samples * self._period_s
@@ -202,13 +218,13 @@ class NodeMachine:
         self.starts = (self.starts + 1) % 0x10000
         self.mark_start_s = self.mark_stop_s = self.device_s
         self._fed_s = self._started_s = self._ticked_s = self._clock()
-        self.state = State.RUNNING
+        self.state = reg.State.RUNNING
         self._note("start")
 
-    def end(self, state: State) -> None:
+    def end(self, state: reg.State) -> None:
         """End the acquisition, if one runs, and bring the motor to a standstill in any case."""
         self.bench.halt()
-        if self.state == State.RUNNING:
+        if self.state == reg.State.RUNNING:
             self.state = state
             self.mark_stop_s = self.device_s
             self._ticked_s = self._clock()
@@ -220,30 +236,30 @@ class NodeMachine:
 
     def rearm(self) -> None:
         """Clear a latched trip."""
-        if self.state != State.RUNNING:
-            self.state = State.IDLE
+        if self.state != reg.State.RUNNING:
+            self.state = reg.State.IDLE
 
     def tick(self) -> None:
         """Let the wall clock act: watchdog, samples in real time, deceleration."""
         now_s = self._clock()
-        if self.state == State.RUNNING:
+        if self.state == reg.State.RUNNING:
             if self._pace == "realtime":
                 due = int((now_s - self._started_s) / self._period_s) + 1 - self.fifo.taken
                 self._produce(due)
-            if self.state == State.RUNNING and now_s - self._fed_s > self._watchdog_s:
+            if self.state == reg.State.RUNNING and now_s - self._fed_s > self._watchdog_s:
                 self.trips += 1
-                self.end(State.TRIPPED)
+                self.end(reg.State.TRIPPED)
             return
         self._idle(int((now_s - self._ticked_s) / self._period_s))
 
     def look(self) -> None:
         """Let device time pass for one look at the status, in the fast pace."""
-        if self._pace == "fast" and self.state != State.RUNNING:
+        if self._pace == "fast" and self.state != reg.State.RUNNING:
             self._idle(max(1, round(_FAST_IDLE_S / self._period_s)))
 
     def produce_ahead(self) -> None:
         """In the fast pace, fill the buffer by a chunk when it holds less than one."""
-        if self._pace == "fast" and self.state == State.RUNNING:
+        if self._pace == "fast" and self.state == reg.State.RUNNING:
             most = _FAST_CHUNK_BLOCKS * self.block_scans
             chunk = int(np.clip(_FAST_CHUNK_S / self._period_s, self.block_scans, most))
             if self.fifo.depth < chunk:
@@ -254,14 +270,14 @@ class NodeMachine:
         age = self.fifo.taken - self.fifo.next_out
         # 50 ms: what a person watching does not notice
         full = age >= self.block_scans
-        return self.state != State.RUNNING or full or age * self._period_s >= 0.05
+        return self.state != reg.State.RUNNING or full or age * self._period_s >= 0.05
 
     def flags(self) -> int:
         """Return the flags of this moment."""
         return (
             (_OVERFLOW if self.fifo.lost else 0)
-            | (_RUNNING if self.state == State.RUNNING else 0)
-            | (_TRIPPED if self.state == State.TRIPPED else 0)
+            | (_RUNNING if self.state == reg.State.RUNNING else 0)
+            | (_TRIPPED if self.state == reg.State.TRIPPED else 0)
             | (_ENABLED if self.bench.enabled else 0)
         )
 
@@ -283,7 +299,7 @@ class NodeMachine:
             self.fifo.append(encode_scans(codes, samples.encoder_count))
             self._note("sampling")
         if self.fifo.taken >= self._n_samples:
-            self.end(State.FINISHED)
+            self.end(reg.State.FINISHED)
 
     def _idle(self, count: int) -> None:
         """Let the bench go on without an acquisition, as long as the motor turns."""
@@ -358,7 +374,7 @@ class BlockWindow:
         machine = self._machine
         if machine.fifo.depth < machine.block_scans:
             machine.produce_ahead()
-        ended = machine.state != State.RUNNING
+        ended = machine.state != reg.State.RUNNING
         lost_at_the_end = ended and machine.fifo.next_out < machine.fifo.taken
         if not (machine.block_is_due() and (machine.fifo.depth or lost_at_the_end)):
             return None

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
+from typing import Any
 
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.memory import DEVICE_FAILURE, Cell, Memory
@@ -17,9 +19,9 @@ from hdbench.devices.registers import Register, Space
 from hdbench.profile.acquiring_modbus import (
     ModbusAcquisition,
     ModbusChannel,
-    ModbusEnable,
     ModbusIdentify,
     ModbusOutput,
+    ModbusPlace,
     ModbusWatchdog,
 )
 
@@ -27,6 +29,7 @@ from hdbench.profile.acquiring_modbus import (
 _FACTORY_S = 1.0
 
 
+@dataclass(eq=False)
 class DeviceWatchdog:
     """Trips when it was not fed in time; runs from the first feeding on.
 
@@ -40,26 +43,25 @@ class DeviceWatchdog:
         Monotonic clock, s.
     """
 
-    def __init__(
-        self, spec: ModbusWatchdog, trip: Callable[[], None], clock: Callable[[], float]
-    ) -> None:
+    spec: ModbusWatchdog
+    trip: Callable[[], None]
+    clock: Callable[[], float]
+
+    def __post_init__(self) -> None:
         self.tripped = False
-        self.steps = round(_FACTORY_S / spec.unit_s)
-        self._spec = spec
-        self._trip = trip
-        self._clock = clock
+        self.steps = round(_FACTORY_S / self.spec.unit_s)
         self._fed_s: float | None = None
         self._cleared = 0
 
     def heard(self, function: int) -> None:
         """Note a request that feeds it, where any request or any write does."""
         writes = function in (5, 6, 15, 16)
-        if self._spec.fed_by == "message" or (self._spec.fed_by == "write" and writes):
+        if self.spec.fed_by == "message" or (self.spec.fed_by == "write" and writes):
             self._feed()
 
     def fed(self, value: float) -> None:
         """Note a write to the feeding register."""
-        feed = self._spec.feed
+        feed = self.spec.feed
         if feed is None or (feed.kind == "key" and value != feed.value):
             return
         self._feed()
@@ -68,27 +70,27 @@ class DeviceWatchdog:
         """Trip when the time is over."""
         if self.tripped or self._fed_s is None or not self.steps:
             return
-        if self._clock() - self._fed_s > self.steps * self._spec.unit_s:
+        if self.clock() - self._fed_s > self.steps * self.spec.unit_s:
             self.tripped = True
-            self._trip()
+            self.trip()
 
     def clear(self, number: int, value: float) -> None:
         """Note a write of the clearing sequence; after the last of them the trip is gone."""
-        right = value == self._spec.clear[number].value and number == self._cleared
+        right = value == self.spec.clear[number].value and number == self._cleared
         self._cleared = number + 1 if right else 0
-        if self._cleared == len(self._spec.clear):
+        if self._cleared == len(self.spec.clear):
             self._cleared, self.tripped, self._fed_s = 0, False, None
 
     def status(self) -> float:
         """Return what its status register reads."""
-        rule = self._spec.tripped
+        rule = self.spec.tripped
         return told(rule) if self.tripped else otherwise(rule)
 
     def _feed(self) -> None:
-        if self.tripped and not self._spec.latches:
+        if self.tripped and not self.spec.latches:
             self.tripped = False
         if not self.tripped:
-            self._fed_s = self._clock()
+            self._fed_s = self.clock()
 
 
 def told(rule: ModbusIdentify) -> float:
@@ -112,12 +114,10 @@ class Driving:
 
     Parameters
     ----------
-    memory : Memory
-        The device's map.
+    add : callable
+        As `ModbusDevice.add`.
     instrument : SimulatedInstrument
         The bench at its terminals.
-    table : ModbusAcquisition
-        ``[daq]``.
     output : ModbusOutput
         ``[daq.output]``.
     clock : callable
@@ -126,29 +126,26 @@ class Driving:
 
     def __init__(
         self,
-        memory: Memory,
+        add: Callable[..., Cell],
         instrument: SimulatedInstrument,
-        table: ModbusAcquisition,
         output: ModbusOutput,
         clock: Callable[[], float],
     ) -> None:
         self.watchdog: DeviceWatchdog | None = None
-        self._memory = memory
         self._instrument = instrument
-        self._table = table
         self._output = output
         self._zero = -output.offset / output.scale
-        self._reference = self._add(output, self._zero, self._write)
+        self._reference = add(output, self._zero, on_write=self._write)
         if output.read_back is not None:
-            back = Cell(place_of(table, output.read_back), on_read=lambda: self._reference.value)
-            back.writable = False
-            memory.add(back)
+            add(output.read_back, on_read=lambda: self._reference.value, writable=False)
         self._enable: Cell | None = None
         if output.enable is not None:
-            self._add_enable(output.enable)
+            off = output.enable.off
+            self._enable = add(output.enable, float(off), on_write=partial(self._switch, off))
         if output.watchdog is not None:
-            self.watchdog = DeviceWatchdog(output.watchdog, self._trip, clock)
-            self._add_watchdog(self.watchdog, output.watchdog)
+            spec = output.watchdog
+            self.watchdog = DeviceWatchdog(spec, lambda: self.make_safe(*spec.drops), clock)
+            self._add_watchdog(add, self.watchdog)
 
     def make_safe(self, *names: str) -> None:
         """Let outputs fall to zero and off."""
@@ -159,45 +156,25 @@ class Driving:
             self._enable.value = float(self._output.enable.off)
             self._instrument.write_enable(on=False)
 
-    def _add(self, place: ModbusOutput, value: float, act: Callable[[float], None]) -> Cell:
-        return self._memory.add(Cell(place_of(self._table, place), value, on_write=act))
-
-    def _add_enable(self, enable: ModbusEnable) -> None:
-        cell = Cell(place_of(self._table, enable), float(enable.off))
-        cell.on_write = partial(self._switch, enable.off)
-        self._enable = self._memory.add(cell)
-
-    def _add_watchdog(self, watchdog: DeviceWatchdog, spec: ModbusWatchdog) -> None:
-        table, add = self._table, self._memory.add
+    def _add_watchdog(self, add: Callable[..., Cell], watchdog: DeviceWatchdog) -> None:
+        spec = watchdog.spec
 
         def set_time(value: float) -> None:
             watchdog.steps = int(value)
 
-        add(
-            Cell(
-                place_of(table, spec.time),
-                on_read=lambda: float(watchdog.steps),
-                on_write=set_time,
-            )
-        )
-        add(Cell(place_of(table, spec.tripped), on_read=watchdog.status, writable=False))
+        def clear(at: ModbusPlace, value: float) -> None:
+            for number, write in enumerate(spec.clear):
+                here = (write.table, write.address) == (at.table, at.address)
+                if here and value == write.value:
+                    watchdog.clear(number, value)
+
+        add(spec.time, on_read=lambda: float(watchdog.steps), on_write=set_time)
+        add(spec.tripped, on_read=watchdog.status, writable=False)
         if spec.feed is not None:
-            add(Cell(place_of(table, spec.feed), on_write=watchdog.fed))
+            add(spec.feed, on_write=watchdog.fed)
         for write in spec.clear:
             # clearing often means one register and one value after the other
-            place = place_of(table, write)
-            add(Cell(place, on_write=partial(self._clear, watchdog, spec, place)))
-
-    def _clear(
-        self, watchdog: DeviceWatchdog, spec: ModbusWatchdog, place: Register, value: float
-    ) -> None:
-        for number, write in enumerate(spec.clear):
-            if place_of(self._table, write) == place and value == write.value:
-                watchdog.clear(number, value)
-
-    def _trip(self) -> None:
-        if self._output.watchdog is not None:
-            self.make_safe(*self._output.watchdog.drops)
+            add(write, on_write=partial(clear, write))
 
     def _write(self, raw: float) -> None:
         self._refuse_after_trip()
@@ -217,6 +194,7 @@ class Driving:
             raise ModbusRefusedError(DEVICE_FAILURE)
 
 
+@dataclass(eq=False)
 class ModbusDevice(Device):
     """Holds the map, answers requests, and stops the motor when nobody feeds its watchdog.
 
@@ -234,21 +212,16 @@ class ModbusDevice(Device):
 
     functions = frozenset((1, 2, 3, 4, 5, 6, 16))
 
-    def __init__(
-        self,
-        instrument: SimulatedInstrument,
-        table: ModbusAcquisition,
-        *,
-        amperes_per_v: float,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.reply_s = table.reply_s
-        self.unit = table.unit
-        self.memory = Memory(table.max_read_registers, lenient=table.bridge_registers > 0)
-        self._instrument = instrument
-        self._table = table
-        self._amperes_per_v = amperes_per_v
-        self._clock = clock
+    instrument: SimulatedInstrument
+    table: ModbusAcquisition
+    _: KW_ONLY
+    amperes_per_v: float
+    clock: Callable[[], float] = time.monotonic
+
+    def __post_init__(self) -> None:
+        self.reply_s = self.table.reply_s
+        self.unit = self.table.unit
+        self.memory = Memory(self.table.max_read_registers, lenient=self.table.bridge_registers > 0)
         self._refreshed_s = -1.0
         self._seen: dict[str, float] = {}
         self._driving: Driving | None = None
@@ -278,31 +251,33 @@ class ModbusDevice(Device):
         """Let time pass."""
         if self.watchdog is not None:
             self.watchdog.tick()
-        self._instrument.catch_up()
+        self.instrument.catch_up()
+
+    def add(self, place: ModbusPlace, value: float = 0.0, **access: Any) -> Cell:
+        """Put a cell where a place of the profile says; `access` is the rest of `Cell`."""
+        return self.memory.add(Cell(place_of(self.table, place), value, **access))
 
     def _build(self) -> None:
-        table = self._table
+        table = self.table
         # no device has anything there
         place = Register("signature", signature_address(table), "u32")
         self.memory.add(Cell(place, float(SIGNATURE), writable=False))
         for channel in table.channels:
-            cell = Cell(place_of(table, channel), on_read=partial(self._read, channel))
-            cell.writable = False
-            self.memory.add(cell)
+            self.add(channel, on_read=partial(self._read, channel), writable=False)
             for word in (channel.status, channel.sign):
                 if word is not None:
-                    place = place_of(table, word)
-                    self.memory.add(Cell(place, on_read=partial(self._word, place), writable=False))
+                    read = partial(self._word, place_of(table, word))
+                    self.add(word, on_read=read, writable=False)
         if table.output is not None:
-            self._driving = Driving(self.memory, self._instrument, table, table.output, self._clock)
+            self._driving = Driving(self.add, self.instrument, table.output, self.clock)
         for rule in table.identify:
-            self.memory.add(Cell(place_of(table, rule), told(rule), writable=False))
+            self.add(rule, told(rule), writable=False)
         for write in table.init:
-            self.memory.add(Cell(place_of(table, write)))
+            self.add(write)
 
     def _read(self, channel: ModbusChannel) -> float:
         self._refresh()
-        info = input_info(self._table, channel)
+        info = input_info(self.table, channel)
         if not info.wrap:
             raw = abs(self._raw(channel)) if channel.sign is not None else self._raw(channel)
             return raw if channel.type.startswith("f") else float(round(raw))
@@ -313,7 +288,7 @@ class ModbusDevice(Device):
 
     def _raw(self, channel: ModbusChannel) -> float:
         """Return a channel in steps of its register, not rounded, its sign kept."""
-        info = input_info(self._table, channel)
+        info = input_info(self.table, channel)
         value = min(max(self._seen[channel.role], info.low), info.high)
         return (value - channel.offset) / channel.scale
 
@@ -321,23 +296,23 @@ class ModbusDevice(Device):
         """Return a word of states: good ones, and the signs of channels that have theirs there."""
         self._refresh()
         word = 0
-        for channel in self._table.channels:
+        for channel in self.table.channels:
             status, sign = channel.status, channel.sign
-            if status is not None and place_of(self._table, status) == place:
+            if status is not None and place_of(self.table, status) == place:
                 word |= status.good
-            if sign is not None and place_of(self._table, sign) == place:
+            if sign is not None and place_of(self.table, sign) == place:
                 word |= int(self._raw(channel) < 0.0) << sign.bit
         return float(word)
 
     def _refresh(self) -> None:
         """Take a new reading, no more often than the device renews its values."""
-        now_s, rate = self._clock(), self._table.refresh_hz
+        now_s, rate = self.clock(), self.table.refresh_hz
         if rate is not None and self._seen and now_s - self._refreshed_s < 1.0 / rate:
             return
         self._refreshed_s = now_s
-        looked = self._instrument.look()
+        looked = self.instrument.look()
         self._seen = {name: float(volts[-1]) for name, volts in looked.volts.items()}
-        self._seen["current"] *= self._amperes_per_v
+        self._seen["current"] *= self.amperes_per_v
         self._seen["encoder"] = float(looked.count[-1])
 
 

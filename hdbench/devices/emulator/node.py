@@ -2,27 +2,189 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import time
 from collections.abc import Callable, Mapping
 
-from hdbench.devices.emulator.machine import BlockWindow, NodeMachine, Pace
-from hdbench.devices.emulator.parameters import (
-    DEFAULT_PARAMETERS,
-    ProgramStore,
-    RefusedError,
-    check_parameters,
-    identity_values,
-    limit_values,
+from hdbench.devices.emulator.machine import (
+    FIFO_SCANS,
+    ROUNDING,
+    BlockWindow,
+    NodeMachine,
+    Pace,
+    reference_wave,
 )
 from hdbench.devices.emulator.server import Device, ModbusRefusedError
 from hdbench.devices.emulator.serving import Emulation, ModbusWire
 from hdbench.devices.node import registers as reg
-from hdbench.devices.node.registers import Command, Refusal, State, register
-from hdbench.devices.registers import Register, Space, Value, decode_group, encode_group
+from hdbench.devices.registers import (
+    BLOCK_DATA_REGISTERS,
+    Register,
+    Space,
+    Value,
+    decode_group,
+    encode_group,
+)
+from hdbench.model.waves import MAX_PARTS, ProgramPart, ReferenceProgram
 from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
+
+_MAX_SAMPLES = 100_000_000
+DEFAULT_PARAMETERS: Mapping[str, Value] = {
+    entry.name: 1_000_000 if entry.name == "sample_period_ns" else 0 for entry in reg.PARAMETERS
+}
+
+
+def identity_values(seed: int) -> Mapping[str, Value]:
+    """Return the identity block of the emulator."""
+    from hdbench import __version__
+
+    return {
+        "word_order": reg.WORD_ORDER_TEST,
+        "protocol_version": reg.PROTOCOL_VERSION,
+        "capabilities": int(reg.Capability.SIMULATED | reg.Capability.PROGRAM),
+        "vendor": "hdbench",
+        "model": "emulated node",
+        "serial": f"sim-{seed % 1_000_000_000}",
+        "firmware": __version__,
+    }
+
+
+def limit_values(profile: ProfileData) -> Mapping[str, Value]:
+    """Return the limits block: the profile's limits and scales."""
+    return {
+        "limit_reference_v": profile.limits.reference_v,
+        "limit_velocity_rad_s": profile.limits.velocity_rad_s,
+        "velocity_per_volt": profile.servo.velocity_gain_rad_s_per_v,
+        "min_period_ns": 100_000,
+        "max_period_ns": 1_000_000_000,
+        "max_samples": _MAX_SAMPLES,
+        "watchdog_min_ms": 20,
+        "watchdog_max_ms": 2000,
+        "fifo_scans": FIFO_SCANS,
+        "block_capacity": BLOCK_DATA_REGISTERS,
+        "range_v": profile.daq.range_v,
+        "current_range_a": profile.servo.max_current_a,
+        "converter_bits": profile.daq.resolution_bits,
+        "encoder_counts_per_turn": profile.encoder.counts_per_turn,
+    }
+
+
+class RefusedError(ModbusRefusedError):
+    """A request that the node answers with an exception.
+
+    Parameters
+    ----------
+    exception : int
+        Modbus exception code.
+    reason : Refusal
+        The node's own reason.
+    address : int
+        First register concerned.
+    """
+
+    def __init__(self, exception: int, reason: reg.Refusal, address: int) -> None:
+        super().__init__(exception)
+        self.reason = reason
+        self.address = address
+
+
+def check_parameters(values: Mapping[str, Value], limits: Mapping[str, Value]) -> None:
+    """Refuse a parameter block that is outside the node's limits."""
+    for name, low, high, reason in (
+        ("sample_period_ns", "min_period_ns", "max_period_ns", reg.Refusal.SAMPLE_PERIOD),
+        ("watchdog_ms", "watchdog_min_ms", "watchdog_max_ms", reg.Refusal.WATCHDOG_TIME),
+    ):
+        if not float(limits[low]) <= float(values[name]) <= float(limits[high]):
+            raise _refused(name, reason)
+    if not 1 <= int(values["n_samples"]) <= int(limits["max_samples"]):
+        raise _refused("n_samples", reg.Refusal.SAMPLE_COUNT)
+    if not 0 <= int(values["channels"]) <= reg.ALL_CHANNELS:
+        raise _refused("channels", reg.Refusal.VALUE)
+    peak_v = abs(float(values["bias_v"])) + abs(float(values["amplitude_v"]))
+    _check_peak(peak_v, limits, "amplitude_v")
+    if not 0 <= int(values["wave"]) < len(reg.WAVES):
+        raise _refused("wave", reg.Refusal.WAVE)
+    if values["wave"] == reg.PROGRAM_WAVE:
+        return
+    try:
+        reference_wave(values)
+    except ValueError as error:
+        raise _refused("wave", reg.Refusal.WAVE) from error
+
+
+def _check_peak(peak_v: float, limits: Mapping[str, Value], name: str) -> None:
+    """Refuse a reference, V, beyond the node's limits of volts or of speed."""
+    if not peak_v <= float(limits["limit_reference_v"]) * (1.0 + ROUNDING):
+        raise _refused(name, reg.Refusal.REFERENCE_LIMIT)
+    peak_rad_s = peak_v * float(limits["velocity_per_volt"])
+    if not peak_rad_s <= float(limits["limit_velocity_rad_s"]) * (1.0 + ROUNDING):
+        raise _refused(name, reg.Refusal.VELOCITY_LIMIT)
+
+
+def _refused(name: str, reason: reg.Refusal) -> RefusedError:
+    return RefusedError(3, reason, reg.register(name).address)
+
+
+class ProgramStore:
+    """Parts that a host has written.
+
+    Parameters
+    ----------
+    limits : mapping
+        The limits block, by register name.
+    """
+
+    def __init__(self, limits: Mapping[str, Value]) -> None:
+        self._limits = limits
+        self._parts: list[ProgramPart] = []
+        self._needed = 0
+        self.last: dict[str, Value] = {entry.name: 0 for entry in reg.PROGRAM}
+
+    def forget(self) -> None:
+        """Forget the program."""
+        self._parts, self._needed = [], 0
+        self.last = {entry.name: 0 for entry in reg.PROGRAM}
+
+    def take(self, values: Mapping[str, Value], address: int) -> None:
+        """Keep one part: part 0 begins a program, any other follows the one before it."""
+        if len(values) != len(reg.PROGRAM):
+            raise RefusedError(3, reg.Refusal.VALUE, address)
+        number, needed = int(values["program_part"]), int(values["program_parts"])
+        kept = self._parts[:number]
+        # a part may be written again, as it is when the answer to a write was lost
+        follows = number == len(kept) and (number == 0 or needed == self._needed)
+        if not (1 <= needed <= MAX_PARTS and number < needed and follows):
+            raise _refused("program_part", reg.Refusal.VALUE)
+        part = self._checked(values)
+        self._parts, self._needed = [*kept, part], needed
+        self.last = dict(values)
+
+    def check(self, parameters: Mapping[str, Value]) -> ReferenceProgram | None:
+        """Return the program that a parameter block asks for; None where it asks for none."""
+        if parameters["wave"] != reg.PROGRAM_WAVE:
+            return None
+        if not self._parts or len(self._parts) != self._needed:
+            raise _refused("wave", reg.Refusal.WAVE)
+        program = ReferenceProgram(tuple(self._parts))
+        if program.n_samples != int(parameters["n_samples"]):
+            raise _refused("n_samples", reg.Refusal.SAMPLE_COUNT)
+        return program
+
+    def _checked(self, values: Mapping[str, Value]) -> ProgramPart:
+        """Return one part within the limits; a NaN is outside."""
+        numbers = {name: float(values[f"part_{name}"]) for name in reg.PART_NUMBERS}
+        part = ProgramPart(int(values["part_samples"]), **numbers)
+        if not 1 <= part.n_samples <= int(self._limits["max_samples"]):
+            raise _refused("part_samples", reg.Refusal.SAMPLE_COUNT)
+        _check_peak(part.peak_v, self._limits, "part_start_v")
+        frequencies = (part.frequency_hz, part.end_frequency_hz)
+        if not all(0.0 <= f < math.inf for f in frequencies):
+            raise _refused("part_frequency_hz", reg.Refusal.VALUE)
+        return part
+
 
 FREE, MINE, HELD = 0, 1, 2
 # a session whose connection is gone stays for a host that reconnects
@@ -58,7 +220,7 @@ class Session:
     def take(self, token: int, connection: int) -> None:
         """Take, take over (same token) or give back (0) the session."""
         if self.state(connection) == HELD and token != self._token:
-            raise RefusedError(6, Refusal.SESSION_HELD, register("session").address)
+            raise RefusedError(6, reg.Refusal.SESSION_HELD, reg.register("session").address)
         self._token = token
         self._owner = connection if token else None
 
@@ -109,7 +271,7 @@ class NodeCore(Device):
         self._program = ProgramStore(self._limits)
         self._feed = {"ack": 0, "heartbeat": 0}
         self._command = 0
-        self._refusals: dict[int, tuple[Refusal, int]] = {}
+        self._refusals: dict[int, tuple[reg.Refusal, int]] = {}
         self._nonces: dict[int, int] = {}
         self._images: dict[tuple[Register, ...], Callable[[int], bytes]] = {
             reg.BLOCK: lambda _: self._window.image(self._feed["heartbeat"]),
@@ -165,7 +327,7 @@ class NodeCore(Device):
             last = group[-1]
             if group[0].address <= address and address + count <= last.address + last.size:
                 return group, image
-        raise RefusedError(2, Refusal.ADDRESS, address)
+        raise RefusedError(2, reg.Refusal.ADDRESS, address)
 
     def tick(self) -> None:
         """Let the wall clock act."""
@@ -192,13 +354,13 @@ class NodeCore(Device):
         if isinstance(refused, RefusedError):
             self._refusals[connection] = (refused.reason, refused.address)
         else:
-            reason = Refusal.VALUE if refused.exception == 3 else Refusal.NONE
+            reason = reg.Refusal.VALUE if refused.exception == 3 else reg.Refusal.NONE
             self._refusals[connection] = (reason, 0)
 
     def _status(self, connection: int) -> dict[str, Value]:
         machine = self.machine
         machine.look()
-        refusal, refused_address = self._refusals.get(connection, (Refusal.NONE, 0))
+        refusal, refused_address = self._refusals.get(connection, (reg.Refusal.NONE, 0))
         waiting = machine.fifo.depth + self._window.scans
         return {
             "state": int(machine.state),
@@ -222,7 +384,7 @@ class NodeCore(Device):
 
     def _always_allowed(self, values: Mapping[str, Value]) -> bool:
         """Anybody may stop the motor at any time."""
-        return values.get("command") in (Command.STOP, Command.SAFE)
+        return values.get("command") in (reg.Command.STOP, reg.Command.SAFE)
 
     def _accept_feed(self, values: Mapping[str, Value]) -> None:
         if "heartbeat" in values and values["heartbeat"] != self._feed["heartbeat"]:
@@ -241,32 +403,32 @@ class NodeCore(Device):
         self.machine.rearm()
 
     def _accept_command(self, command: int, address: int) -> None:
-        if command == Command.START:
+        if command == reg.Command.START:
             self._refuse_while_running(address)
-            if self.machine.state == State.TRIPPED:
-                raise RefusedError(4, Refusal.TRIPPED, address)
+            if self.machine.state == reg.State.TRIPPED:
+                raise RefusedError(4, reg.Refusal.TRIPPED, address)
             check_parameters(self._parameters, self._limits)
             program = self._program.check(self._parameters)
             self._feed["ack"] = 0
             self._window.clear()
             self.machine.start(self._parameters, program)
-        elif command in (Command.STOP, Command.SAFE):
-            self.machine.end(State.STOPPED)
-            if command == Command.SAFE:
+        elif command in (reg.Command.STOP, reg.Command.SAFE):
+            self.machine.end(reg.State.STOPPED)
+            if command == reg.Command.SAFE:
                 # a start needs a new parameter block after this
                 self._parameters = dict(DEFAULT_PARAMETERS)
                 self._program.forget()
         else:
-            raise RefusedError(3, Refusal.VALUE, address)
+            raise RefusedError(3, reg.Refusal.VALUE, address)
         self._command = command
 
     def _refuse_others(self, connection: int) -> None:
         if self._session.state(connection) == HELD:
-            raise RefusedError(6, Refusal.SESSION_HELD, reg.register("session").address)
+            raise RefusedError(6, reg.Refusal.SESSION_HELD, reg.register("session").address)
 
     def _refuse_while_running(self, address: int) -> None:
-        if self.machine.state == State.RUNNING:
-            raise RefusedError(6, Refusal.RUNNING, address)
+        if self.machine.state == reg.State.RUNNING:
+            raise RefusedError(6, reg.Refusal.RUNNING, address)
 
 
 def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> tuple[Register, ...]:
@@ -274,7 +436,7 @@ def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> t
     end = address + count
     chosen = tuple(e for e in group if e.address >= address and e.address + e.size <= end)
     if not group[0].writable or sum(entry.size for entry in chosen) != count:
-        raise RefusedError(2, Refusal.ADDRESS, address)
+        raise RefusedError(2, reg.Refusal.ADDRESS, address)
     return chosen
 
 
@@ -307,5 +469,5 @@ def emulate_node(emulation: Emulation, table: NodeAcquisition) -> ModbusWire:
         record=emulation.record,
     )
     emulation.moving = lambda: core.machine.busy
-    emulation.busy = lambda: core.machine.state == State.RUNNING
+    emulation.busy = lambda: core.machine.state == reg.State.RUNNING
     return ModbusWire(core, {"tcp": "", "rtu": _QUERY})

@@ -10,13 +10,14 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Annotated, Literal, Protocol
+
+from pydantic import Field, ValidationError
 
 from hdbench.devices.driver import Driver, driver_of
-from hdbench.devices.emulator.channel import Channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.machine import Pace
 from hdbench.devices.emulator.server import Device, ModbusServer, Wire
@@ -25,8 +26,99 @@ from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.schema import ProfileData
+from hdbench.profile.tables import Table
 
 _POLL_S = 0.01
+
+
+class _Fixture(Table):
+    locked: bool
+    position_rad: Annotated[float, Field(ge=-1e3, le=1e3)]
+    mass_kg: Annotated[float, Field(ge=0.0, le=1e3)]
+    direction: Literal[-1, 1]
+
+
+class _Handling(Table):
+    swing_rad: Annotated[float, Field(ge=0.0, le=0.5)]
+    release_s: Annotated[float, Field(ge=0.0, le=1e4)]
+    shunt_ohm: Annotated[float, Field(ge=0.0, le=1e9)]
+
+
+class _Order(Table):
+    fixture: _Fixture | None = None
+    handling: _Handling | None = None
+
+
+Bench = SimulatedBench | SimulatedInstrument
+
+
+class Channel:
+    """Listens on a free loopback port for a simulated operator.
+
+    Parameters
+    ----------
+    bench : SimulatedBench or SimulatedInstrument
+        What has lock, arm and weights.
+    busy : callable, optional
+        Whether nobody can reach into the bench now.
+    """
+
+    def __init__(self, bench: Bench, *, busy: Callable[[], bool] = lambda: False) -> None:
+        self._bench = bench
+        self._busy = busy
+        self._server: asyncio.Server | None = None
+        self._connected = 0
+
+    async def open(self) -> str:
+        """Listen, and return the address."""
+        self._server = await asyncio.start_server(self._talk, "127.0.0.1", 0)
+        host, port = self._server.sockets[0].getsockname()[:2]
+        return f"tcp://{host}:{port}"
+
+    async def left(self) -> None:
+        """Wait until nobody is connected: a guard stays until it has seen the motor stand."""
+        while self._connected:
+            await asyncio.sleep(_POLL_S)
+
+    def close(self) -> None:
+        """Listen no more."""
+        if self._server is not None:
+            self._server.close()
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._connected += 1
+        try:
+            while line := await reader.readline():
+                refused = _carry_out(line, self._bench, self._busy)
+                answer = {"refused": refused} if refused else {"ok": True}
+                writer.write(json.dumps(answer).encode() + b"\n")
+                await writer.drain()
+        except (OSError, ValueError):
+            # it hung up, or sent a line without an end
+            pass
+        finally:
+            self._connected -= 1
+            writer.close()
+
+
+def _carry_out(line: bytes, bench: Bench, busy: Callable[[], bool]) -> str:
+    """Carry out one order; return why not, empty when it was done."""
+    try:
+        order = _Order.model_validate_json(line)
+        if order.model_fields_set and busy():
+            return "an acquisition is running"
+        if order.fixture is not None:
+            bench.set_fixture(**order.fixture.model_dump())
+        if order.handling is not None:
+            bench.set_handling(**order.handling.model_dump())
+    except ValidationError as error:
+        key = ".".join(map(str, error.errors()[0]["loc"]))
+        return f"{key}: out of its domain" if key else "no order of a simulated operator"
+    except UsageError as error:
+        return error.what
+    return ""
+
+
 # that a host-written reference and two wires keep up with
 _FAST_COMPOSITE = 4.0
 # time in which devices that have lost their host must have stopped the motor: watchdog and braking
@@ -125,6 +217,7 @@ class EmulatedDevice(Protocol):
         """Close its wire."""
 
 
+@dataclass(eq=False)
 class ModbusWire:
     """The wire of a device of registers; implements `EmulatedDevice`.
 
@@ -138,30 +231,26 @@ class ModbusWire:
         Whether it is on a serial line where nothing else is asked for.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        queries: Mapping[Wire, str] | None = None,
-        *,
-        on_line: bool = False,
-    ) -> None:
-        self._device = device
-        self._queries = queries
-        self._on_line = on_line
+    device: Device
+    queries: Mapping[Wire, str] | None = None
+    _: KW_ONLY
+    on_line: bool = False
+
+    def __post_init__(self) -> None:
         self._server: ModbusServer | None = None
 
     async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
         """Open the wire and return ``address``."""
-        wire = "rtu" if self._on_line and settings.wire == "tcp" else settings.wire
-        if self._queries is not None and wire not in self._queries:
+        wire = "rtu" if self.on_line and settings.wire == "tcp" else settings.wire
+        if self.queries is not None and wire not in self.queries:
             raise UsageError(
                 f"a node speaks no {wire}",
                 where="--wire",
                 fix="choose tcp or rtu, or a profile with a polled Modbus device",
             )
-        self._server = ModbusServer(self._device, wire)
+        self._server = ModbusServer(self.device, wire)
         address = await self._server.open(settings.host, settings.port)
-        return {"address": address + (self._queries or {}).get(wire, "")}
+        return {"address": address + (self.queries or {}).get(wire, "")}
 
     def close(self) -> None:
         """Close the wire."""
@@ -169,6 +258,7 @@ class ModbusWire:
             self._server.close()
 
 
+@dataclass(eq=False)
 class Emulation:
     """One simulated bench, for the devices around it.
 
@@ -195,38 +285,31 @@ class Emulation:
         Whether nobody can reach into the bench now; likewise.
     """
 
-    def __init__(
-        self,
-        profile: ProfileData,
-        plant: str,
-        seed: int,
-        *,
-        pace: Pace = "realtime",
-        model_file: Path | None = None,
-        record: Callable[[Mapping[str, object]], None] = lambda _: None,
-    ) -> None:
-        self.profile = profile
-        self.seed = seed
-        self.pace = pace
-        self.record = record
-        self.speed = emulated_speed(profile.daq, pace)
+    profile: ProfileData
+    plant: str
+    seed: int
+    _: KW_ONLY
+    pace: Pace = "realtime"
+    model_file: Path | None = None
+    record: Callable[[Mapping[str, object]], None] = lambda _: None
+
+    def __post_init__(self) -> None:
+        self.speed = emulated_speed(self.profile.daq, self.pace)
         self.moving: Callable[[], bool] = lambda: self.instrument.moving
         self.busy: Callable[[], bool] = lambda: False
-        self._plant = plant
-        self._model_file = model_file
 
     @cached_property
     def bench(self) -> SimulatedBench:
         """Drive, load and sensor, for a device that makes the motor reference itself."""
         from hdbench.model.modelfile import load_model
 
-        model = load_model(self._model_file) if self._model_file else None
-        return SimulatedBench(self.profile, load_plant(self._plant), self.seed, model=model)
+        model = load_model(self.model_file) if self.model_file else None
+        return SimulatedBench(self.profile, load_plant(self.plant), self.seed, model=model)
 
     @cached_property
     def instrument(self) -> SimulatedInstrument:
         """The bench at electrical terminals, for devices whose host writes the reference."""
-        if self._model_file is not None:
+        if self.model_file is not None:
             raise UsageError(
                 "an extended model needs the whole motion beforehand; this device's reference is "
                 "written by its host as it goes",

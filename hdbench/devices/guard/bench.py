@@ -18,7 +18,7 @@ from hdbench.devices.bench import AcquisitionSettings, Block, SafeState
 from hdbench.devices.daq import Daq
 from hdbench.devices.guard.order import GuardOrder, as_json
 from hdbench.devices.host import HostedBench, HostSettings
-from hdbench.devices.simulation import Simulation
+from hdbench.devices.operator import Simulation
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED
 
@@ -74,8 +74,6 @@ class GuardProcess:
     emulator : str, optional
         Control channel of the emulator that it guards: kept open, so that the emulator lives until
         its motor was seen standing, and so that its end is noticed.
-    clock : callable, optional
-        Monotonic clock, s.
 
     Raises
     ------
@@ -95,10 +93,8 @@ class GuardProcess:
         *,
         log: Path | None = None,
         emulator: str | None = None,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.silence_s = silence_s
-        self._clock = clock
         try:
             with socket.create_server(("127.0.0.1", 0)) as listener:
                 self._process: subprocess.Popen[bytes] = subprocess.Popen(
@@ -111,7 +107,7 @@ class GuardProcess:
         except OSError as error:
             raise _fault(f"it cannot be started ({error.strerror or error})") from error
         self._watch: Watch = "end-only"
-        self._said_s = self._heard_s = clock()
+        self._said_s = self._heard_s = time.monotonic()
         self._words = b""
         told = str(log.absolute()) if log else None
         line = as_json(order, silence_s=silence_s, log=told, emulator=emulator)
@@ -137,7 +133,7 @@ class GuardProcess:
             If the guard has ended, or has already acted.
         """
         self._watch = how
-        self._heard_s = self._clock()
+        self._heard_s = time.monotonic()
         self._send(_LETTERS[how])
         self.check()
 
@@ -149,7 +145,7 @@ class GuardProcess:
         DeviceError
             As for `watch`.
         """
-        now_s = self._clock()
+        now_s = time.monotonic()
         if now_s - self._said_s >= self.silence_s / _BEATS:
             self._said_s = now_s
             self._send(b".")
@@ -172,7 +168,7 @@ class GuardProcess:
                     "look for what held this computer up, then run again",
                 )
         self._words = self._words.rpartition(b"\n")[2].lstrip(b".")
-        if self._watch != "end-only" and not self._clock() - self._heard_s < _DEAF_S:
+        if self._watch != "end-only" and not time.monotonic() - self._heard_s < _DEAF_S:
             raise _fault(f"it has not answered for {_DEAF_S:g} s")
 
     def end(self) -> None:
@@ -230,9 +226,9 @@ class GuardProcess:
         except OSError as error:
             self._give_up()
             raise _fault(f"it does not take its order ({error.strerror})") from error
-        until_s = self._clock() + _START_S
+        until_s = time.monotonic() + _START_S
         while b"\n" not in self._words:
-            left_s = until_s - self._clock()
+            left_s = until_s - time.monotonic()
             try:
                 if not left_s > 0.0:
                     raise _fault(f"it was not ready within {_START_S:g} s")
@@ -270,7 +266,7 @@ class GuardProcess:
                 words = b""
             if not words:
                 raise _fault("it has ended")
-            self._heard_s = self._clock()
+            self._heard_s = time.monotonic()
             self._words += words
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.devices.driver import driver_of
-from hdbench.devices.wire import Address, Request
+from hdbench.devices.wire.address import Address
+from hdbench.devices.wire.link import Request
 from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.acquiring_table import TlsFiles
 from hdbench.profile.schema import ProfileData

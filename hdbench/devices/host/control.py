@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -116,6 +117,7 @@ class ReferenceLog:
         return found
 
 
+@dataclass(eq=False)
 class ControlThread:
     """Puts a reference out until it is stopped.
 
@@ -142,29 +144,22 @@ class ControlThread:
     is raised at the next `check`.
     """
 
-    def __init__(
-        self,
-        daq: Daq,
-        reference: HostReference,
-        log: ReferenceLog,
-        *,
-        update_s: float,
-        watchdog_s: float,
-        clock: Callable[[], float] = time.monotonic,
-        speed: float = 1.0,
-    ) -> None:
-        self._daq = daq
-        self._reference = reference
-        self._log = log
-        self._update_s = update_s
-        self._feed_s = watchdog_s / _FEEDS_PER_TIME
-        self._clock = clock
-        self._speed = speed
+    daq: Daq
+    reference: HostReference
+    log: ReferenceLog
+    _: KW_ONLY
+    update_s: float
+    watchdog_s: float
+    clock: Callable[[], float] = time.monotonic
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        self._feed_s = self.watchdog_s / _FEEDS_PER_TIME
         self._halted = threading.Event()
         self._fault: HdbenchError | None = None
         self._crossed = ""
         self._thread = threading.Thread(target=self._run, name="hdbench-control", daemon=True)
-        self._start_s = self._seen_s = self._fed_s = self._written_s = clock()
+        self._start_s = self._seen_s = self._fed_s = self._written_s = self.clock()
         self._last_v = 0.0
 
     def start(self, start_s: float) -> None:
@@ -174,7 +169,7 @@ class ControlThread:
 
     def seen(self) -> None:
         """Note that the session has taken samples and found them good."""
-        self._seen_s = self._clock()
+        self._seen_s = self.clock()
 
     def crossed(self, what: str) -> None:
         """Note that a limit was crossed: the motor is stopped at the next turn."""
@@ -195,24 +190,24 @@ class ControlThread:
     def _run(self) -> None:
         due_s = self._start_s
         try:
-            while not self._halted.wait(max(0.0, due_s - self._clock())):
+            while not self._halted.wait(max(0.0, due_s - self.clock())):
                 self._turn(due_s)
-                due_s = max(due_s + self._update_s, self._clock())
+                due_s = max(due_s + self.update_s, self.clock())
         except BaseException as error:  # noqa: BLE001 - nothing may end this thread with a motor on
             self._zero()
             self._fault = _as_fault(error)
 
     def _turn(self, due_s: float) -> None:
-        now_s = self._clock()
+        now_s = self.clock()
         self._check_session(now_s, now_s - due_s)
-        device_s = self._speed * (now_s - self._start_s)
-        since_s = self._speed * (now_s - self._written_s)
-        value_v = self._reference.value_v(device_s, self._last_v, since_s)
+        device_s = self.speed * (now_s - self._start_s)
+        since_s = self.speed * (now_s - self._written_s)
+        value_v = self.reference.value_v(device_s, self._last_v, since_s)
         if value_v != self._last_v:
             self._write(value_v)
         self._written_s = now_s
         if now_s - self._fed_s >= self._feed_s:
-            self._daq.feed_watchdog()
+            self.daq.feed_watchdog()
             self._fed_s = now_s
 
     def _check_session(self, now_s: float, late_s: float) -> None:
@@ -223,7 +218,7 @@ class ControlThread:
                 f"nobody has taken samples for {now_s - self._seen_s:.2f} s; allowed {_ABSENT_S} s",
                 "look for what holds this computer up, then run again",
             )
-        allowed_s = max(_LATE_S, _LATE_UPDATES * self._update_s)
+        allowed_s = max(_LATE_S, _LATE_UPDATES * self.update_s)
         if not late_s <= allowed_s:
             raise _fault(
                 f"a value of the motor reference came {late_s:.2f} s late; allowed {allowed_s:g} s",
@@ -231,9 +226,9 @@ class ControlThread:
             )
 
     def _write(self, value_v: float) -> None:
-        before_s = self._clock()
-        found_v = self._daq.write_output("reference", value_v)
-        self._log.add(before_s, self._clock(), found_v)
+        before_s = self.clock()
+        found_v = self.daq.write_output("reference", value_v)
+        self.log.add(before_s, self.clock(), found_v)
         self._last_v = value_v
 
     def _zero(self) -> None:

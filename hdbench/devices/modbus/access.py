@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import NoReturn
 
 from hdbench.devices.modbus.layout import Block, plan_blocks, values_of, write_request
 from hdbench.devices.registers import Register
 from hdbench.devices.transactor import TWICE, Build, Transactor
-from hdbench.devices.wire import ExceptionReply, FrameError, Link, Probe, ReplyCheck, Request
+from hdbench.devices.wire.link import ExceptionReply, FrameError, Link, Probe, ReplyCheck
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 
 # exceptions that mean the profile is wrong, and those that mean "later"
@@ -53,6 +52,8 @@ class Access(Transactor):
         Monotonic clock in s, and waiting.
     """
 
+    _fix = "check power, wiring, unit and bit rate of the device, then run `hdbench doctor`"
+
     def __init__(
         self,
         link: Link,
@@ -66,8 +67,7 @@ class Access(Transactor):
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        super().__init__(link, deadline_s=deadline_s, clock=clock)
-        self.where = f"Modbus {link.where}"
+        super().__init__("Modbus", link, deadline_s=deadline_s, clock=clock)
         self._min_gap_s = min_gap_s
         self._max_registers = max_registers
         self._bridge = bridge
@@ -85,7 +85,7 @@ class Access(Transactor):
     def read(self, places: Sequence[Register]) -> list[float | int]:
         """Return the values of places, read in as few requests as may be."""
         replies = {
-            block: self._transact(block.request(), block.name, TWICE)[2:]
+            block: self.transact(block.request, block.name, TWICE)[2:]
             for block in self.blocks(places)
         }
         return values_of(places, replies)
@@ -97,27 +97,14 @@ class Access(Transactor):
         except ValueError as error:
             raise ProfileError(
                 str(error),
-                where=f"{self.where}, {place.name}",
+                where=self._place(place.name),
                 fix="correct type or scale of this register in the profile",
             ) from error
-        self._transact(request, place.name, 1)
+        self.transact(lambda: request, place.name, 1)
 
     def pause(self) -> None:
         """Give a device that is still working a moment."""
         self._sleep(_BUSY_S)
-
-    def close(self) -> None:
-        """Close the connection; never raises."""
-        self._link.close()
-
-    def _transact(self, request: Request, name: str, attempts: int) -> bytes:
-        """Send one request, a read again where nothing valid came, and return its reply."""
-        return self.transact(
-            lambda: request,
-            attempts,
-            refused=lambda reply, _: self._refused(reply, name),
-            fault=lambda what: self._fault(name, what),
-        )
 
     def _ask(self, build: Build, until_s: float, *, is_read: bool) -> bytes:
         reply = self._patiently(*build(), until_s)
@@ -174,20 +161,10 @@ class Access(Transactor):
                 self._rested_s = self._clock()
             self._sleep(_BUSY_S)
 
-    def _refused(self, reply: ExceptionReply, name: str) -> NoReturn:
-        kind: type[HdbenchError] = ProfileError if reply.code in _WRONG_PROFILE else DeviceError
-        fix = (
-            "compare table, address, type and daq.numbering with the device's manual"
-            if kind is ProfileError
-            else "switch the device off and on, then look at its own display"
-        )
-        raise kind(
-            f"the device refused with {reply}", where=f"{self.where}, {name}", fix=fix
-        ) from reply
-
-    def _fault(self, name: str, what: str) -> DeviceError:
-        return DeviceError(
-            what,
-            where=f"{self.where}, {name}",
-            fix="check power, wiring, unit and bit rate of the device, then run `hdbench doctor`",
-        )
+    def _refused(self, reply: ExceptionReply, name: str, until_s: float) -> HdbenchError:
+        what, where = f"the device refused with {reply}", self._place(name)
+        if reply.code in _WRONG_PROFILE:
+            fix = "compare table, address, type and daq.numbering with the device's manual"
+            return ProfileError(what, where=where, fix=fix)
+        fix = "switch the device off and on, then look at its own display"
+        return DeviceError(what, where=where, fix=fix)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import (
@@ -16,16 +17,26 @@ from hdbench.devices.daq import (
     WatchdogInfo,
     WatchdogState,
 )
-from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.identity import check_identity
+from hdbench.devices.driver import Driver, later
+from hdbench.devices.guard.order import Check, Look, Target, target_at
+from hdbench.devices.modbus.access import QUIET_S, TRY, Access
+from hdbench.devices.modbus.identity import check_identity, make_probe
 from hdbench.devices.modbus.inputs import Inputs, Polling, input_info
-from hdbench.devices.modbus.layout import Block, place_of, plan_blocks
+from hdbench.devices.modbus.layout import (
+    Block,
+    bounds,
+    form_of,
+    place_of,
+    plan_blocks,
+    write_request,
+)
 from hdbench.devices.modbus.outputs import Outputs, Watchdog, output_range_v, output_step_v
-from hdbench.devices.registers import encode
+from hdbench.devices.registers import Register, encode
 from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire.address import parse_address, serial_settings
-from hdbench.errors import DeviceError, UsageError
+from hdbench.errors import DeviceError, ProfileError, UsageError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusWrite
+from hdbench.profile.schema import ProfileData
 
 # a request to read: function, address, count; a reply: function, byte count, data
 _REQUEST, _REPLY_HEAD = 5, 2
@@ -39,29 +50,23 @@ _LOOK_S = 0.1
 
 def describe_abilities(table: ModbusAcquisition, *, simulated: bool) -> Capabilities:
     """Return the abilities."""
-    output = table.output
-    watchdog = None if output is None else output.watchdog
-    write_s = 2.0 * exchange_s(table, 2)
-    return Capabilities(
+    inputs_only = Capabilities(
         inputs=tuple(input_info(table, channel) for channel in table.channels),
         max_rates_hz=max_rates_hz(table),
         min_rate_hz=_MIN_RATE_HZ,
-        outputs=()
-        if output is None
-        else (OutputInfo("reference", *output_range_v(output), output_step_v(output), write_s),),
-        generator=False,
-        enable=output is not None and output.enable is not None,
-        watchdog=None
-        if watchdog is None
-        else WatchdogInfo(
-            watchdog.min_s,
-            watchdog.max_s,
-            watchdog.unit_s,
-            watchdog.fed_by,
-            watchdog.drops,
-            watchdog.latches,
-        ),
         simulated=simulated,
+    )
+    output = table.output
+    if output is None:
+        return inputs_only
+    dog, write_s = output.watchdog, 2.0 * exchange_s(table, 2)
+    return replace(
+        inputs_only,
+        outputs=(OutputInfo("reference", *output_range_v(output), output_step_v(output), write_s),),
+        enable=output.enable is not None,
+        watchdog=None
+        if dog is None
+        else WatchdogInfo(dog.min_s, dog.max_s, dog.unit_s, dog.fed_by, dog.drops, dog.latches),
     )
 
 
@@ -121,12 +126,9 @@ def set_up(access: Access, table: ModbusAcquisition) -> int:
             continue
         found = access.read([place])[0]
         if not _same(write, found):
-            raise DeviceError(
-                f"reads back as {found:.9g}; written: {write.value:.9g}",
-                where=f"{access.where}, {place.name}",
-                fix="compare daq.init with the device's manual; a command register has "
-                "read_back = false",
-            )
+            what = f"reads back as {found:.9g}; written: {write.value:.9g}"
+            fix = "compare daq.init with the device's manual; a command register has "
+            raise access.error(what, place.name, fix + "read_back = false")
     return written
 
 
@@ -144,30 +146,14 @@ def _same(write: ModbusWrite, found: float | int) -> bool:
 class ModbusDaq:
     """Driver of one device; implements `hdbench.devices.daq.Daq`.
 
-    Parameters
-    ----------
-    access : Access
-        The device; owned by the driver from now on.
-    table : ModbusAcquisition
-        ``[daq]`` of the profile, or one part of a composite.
-    clock, sleep : callable, optional
-        Monotonic clock in s, and waiting.
+    The device is owned by the driver from now on; `table` is ``[daq]`` of the profile, or one part
+    of a composite.
     """
 
-    def __init__(
-        self,
-        access: Access,
-        table: ModbusAcquisition,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, access: Access, table: ModbusAcquisition) -> None:
         self._access = access
         self._table = table
-        self._clock = clock
-        self._sleep = sleep
-        output = table.output
-        self._outputs = None if output is None else Outputs(access, table, output)
+        self._outputs = None if table.output is None else Outputs(access, table, table.output)
         self._identity: Identity | None = None
         self._polling: Polling | None = None
         self._tripped = False
@@ -200,15 +186,8 @@ class ModbusDaq:
         self._make_safe()
         set_up(self._access, self._table)
         if settings.roles:
-            inputs = Inputs(self._access, self._table, settings.roles, self._clock)
-            self._polling = Polling(
-                inputs,
-                len(settings.roles),
-                settings.n_samples,
-                settings.sample_period_s,
-                self._clock,
-                self._sleep,
-            )
+            inputs = Inputs(self._access, self._table, settings.roles)
+            self._polling = Polling(inputs, settings)
         return settings.sample_period_s
 
     def start(self) -> None:
@@ -221,15 +200,15 @@ class ModbusDaq:
         """Return the next reading; None when none is due yet, or the device had none."""
         if self._polling is None or not self._polling.started:
             raise self._error("no acquisition has been started", "start it first")
-        if self._watchdog is not None and not self._clock() - self._looked_s < _LOOK_S:
-            self._looked_s = self._clock()
+        if self._watchdog is not None and not time.monotonic() - self._looked_s < _LOOK_S:
+            self._looked_s = time.monotonic()
             self._tripped = self._watchdog.state().tripped
         return self._polling.next_block(tripped=self._tripped)
 
     def stop(self) -> None:
         """Poll no more."""
         if self._polling is not None:
-            self._polling.stop()
+            self._polling.stopped = True
 
     def write_output(self, name: str, value: float) -> float:
         """Write the motor reference once and return what is read back, V."""
@@ -270,7 +249,7 @@ class ModbusDaq:
         roles = tuple(channel.role for channel in self._table.channels)
         if not roles:
             return {}
-        reading = Inputs(self._access, self._table, roles, self._clock).read()
+        reading = Inputs(self._access, self._table, roles).read()
         return {} if reading.doubt else dict(zip(roles, reading.values, strict=True))
 
     def safe_state(self) -> SafeState:
@@ -299,8 +278,6 @@ class ModbusDaq:
             disable=disable,
             zero_v=outputs.zero_v,
             brake_s=output.brake_s,
-            clock=self._clock,
-            sleep=self._sleep,
         )
 
     def close(self) -> None:
@@ -329,3 +306,97 @@ class ModbusDaq:
 
     def _error(self, what: str, fix: str) -> DeviceError:
         return DeviceError(what, where=self._access.where, fix=fix)
+
+
+# data of a reply stand behind function code and byte count
+_DATA_AT = 2
+# what still counts as zero where the output is a float, V
+_ZERO_V = 1e-3
+
+
+def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
+    """Open the device; nothing is connected or written yet."""
+    # pymodbus is loaded by those who open such a device alone
+    from hdbench.devices.modbus.links import polled_link
+
+    given = None if table.serial is None else serial_settings(table.serial)
+    address = parse_address(table.address, given, default_port=502)
+    if not address.is_numbered:
+        _check_deadline(table)
+    probe = make_probe(table)
+    link = polled_link(address, unit=table.unit, probe=probe, tls=table.tls)
+    access = Access(
+        link,
+        deadline_s=table.deadline_s,
+        probe=None if address.is_numbered else probe,
+        numbered=address.is_numbered,
+        min_gap_s=table.min_gap_s,
+        max_registers=table.max_read_registers,
+        bridge=table.bridge_registers,
+    )
+    return ModbusDaq(access, table)
+
+
+def modbus_rate_hz(table: ModbusAcquisition) -> float:
+    """Return the highest rate of the profile's channels, Hz."""
+    rates = max_rates_hz(table)
+    return rates[-1] if rates else math.inf
+
+
+def _check_deadline(table: ModbusAcquisition) -> None:
+    """Refuse a deadline whose tries are too short: a quiet line, a probe, a read, a probe."""
+    longest = max((block.reply_bytes for block in reads_of(table)), default=2)
+    needed_s = (QUIET_S + 3.0 * exchange_s(table, longest)) / TRY
+    if not table.deadline_s >= needed_s:
+        raise ProfileError(
+            f"{table.deadline_s:g} s; on this line a lost frame is got over within "
+            f"{needed_s:.2g} s",
+            where="key daq.deadline_s",
+            fix=f"set it to {needed_s:.2g} s or more",
+        )
+
+
+def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | None:
+    """Return how the outputs of a polled device are made safe."""
+    if table.output is None:
+        return None
+    output = table.output
+    given = None if table.serial is None else serial_settings(table.serial)
+    place = place_of(table, output)
+    back = place if output.read_back is None else place_of(table, output.read_back)
+    zero, scale = -output.offset / output.scale, abs(output.scale)
+    spread = (output_step_v(output) or _ZERO_V) / scale
+    finals, final_looks = [], []
+    if output.enable is not None:
+        line, off = place_of(table, output.enable), float(output.enable.off)
+        finals.append(write_request(line, off))
+        final_looks.append(_look(line, "enable line", off, off))
+    address = parse_address(table.address, given, default_port=502)
+    return Target(
+        target_at(address, table.unit, table.tls, rest_s=table.min_gap_s),
+        acts=(write_request(place, zero, output.function),),
+        looks=(_look(back, "motor reference, steps", zero - spread, zero + spread),),
+        identity=tuple(
+            _look(where := place_of(table, rule), where.name, *bounds(rule), rule.mask or 0)
+            for rule in table.identify
+        ),
+        finals=tuple(finals),
+        final_looks=tuple(final_looks),
+        brake_s=output.brake_s,
+    )
+
+
+def _look(place: Register, name: str, low: float, high: float, mask: int = 0) -> Look:
+    """Return a read of one value that must lie between two others."""
+    (block,) = plan_blocks([place], most=place.size, bridge=0)
+    form, order, mask = (">B", (), 1) if place.is_bit else (*form_of(place), mask)
+    return Look(block.request(), (Check(name, _DATA_AT, form, low, high, mask, order),))
+
+
+DRIVER = Driver(
+    open=open_modbus,
+    rate_hz=modbus_rate_hz,
+    drives=lambda table: table.output is not None,
+    stop_target=stop_target,
+    emulate=later("hdbench.devices.emulator.modbus:emulate_modbus"),
+)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from hdbench.devices.bench import Identity
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import Block, fits, needed, place_of, plan_blocks
 from hdbench.devices.registers import Order, Register, decode, encode
-from hdbench.devices.wire import FrameError, Probe, ReplyCheck
+from hdbench.devices.wire.link import FrameError, Probe, ReplyCheck
 from hdbench.errors import DeviceError, ProfileError
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
+from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, places_in
 
 # "HBEM": what stands in registers of the emulator that the profile leaves free, far from the others
 SIGNATURE = 0x4842_454D
@@ -24,7 +22,7 @@ _ORDERS: dict[Order, str] = {
 
 def signature_address(table: ModbusAcquisition) -> int:
     """Return where the emulator's signature stands: the highest place that nothing else takes."""
-    taken = [place_of(table, place) for place in _listed(table)]
+    taken = [place_of(table, place) for _, place in places_in(table)]
     start = _HIGHEST
     while any(start - 2 * _AWAY < place.address < start + _AWAY for place in taken):
         start -= _STEP
@@ -41,32 +39,15 @@ def is_emulator(access: Access, table: ModbusAcquisition) -> bool:
         return False
 
 
-def _listed(table: ModbusAcquisition) -> Iterator[ModbusPlace]:
-    """Yield every place that the profile lists."""
-    yield from table.identify
-    yield from table.init
-    for channel in table.channels:
-        yield channel
-        yield from (word for word in (channel.status, channel.sign) if word is not None)
-    output = table.output
-    watchdog = None if output is None else output.watchdog
-    optional: list[ModbusPlace | None] = []
-    if output is not None:
-        optional += [output, output.read_back, output.enable]
-    if watchdog is not None:
-        optional += [watchdog.time, watchdog.tripped, watchdog.feed, *watchdog.clear]
-    yield from (place for place in optional if place is not None)
-
-
 def check_identity(access: Access, table: ModbusAcquisition) -> Identity:
     """Return who answers, if it is the device that the profile means."""
     places = [place_of(table, rule) for rule in table.identify]
     for rule, place, found in zip(table.identify, places, access.read(places), strict=True):
         if not fits(rule, found):
-            raise DeviceError(
+            raise access.error(
                 f"reads {found:.9g}; needed: {needed(rule)}{_hint(rule, found)}",
-                where=f"{access.where}, {place.name}",
-                fix="this is another device, or its byte order is another: correct daq.address or "
+                place.name,
+                "this is another device, or its byte order is another: correct daq.address or "
                 "daq.identify, then channels and order",
             )
     return Identity(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import time
 from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.devices.daq import InputInfo, Role, ScanBlock
+from hdbench.devices.daq import DaqSettings, InputInfo, Role, ScanBlock
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import Block, place_of
+from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.registers import range_of, size_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
@@ -42,30 +42,11 @@ class Reading:
 
 
 class Inputs:
-    """Reads some channels of the profile, all at once.
+    """Reads some channels of the profile, all at once, in the order of `roles`."""
 
-    Parameters
-    ----------
-    access : Access
-        The device.
-    table : ModbusAcquisition
-        ``[daq]``.
-    roles : tuple of Role
-        Which channels, in the order of a reading.
-    clock : callable
-        Monotonic clock, s.
-    """
-
-    def __init__(
-        self,
-        access: Access,
-        table: ModbusAcquisition,
-        roles: tuple[Role, ...],
-        clock: Callable[[], float],
-    ) -> None:
+    def __init__(self, access: Access, table: ModbusAcquisition, roles: tuple[Role, ...]) -> None:
         channels = {channel.role: channel for channel in table.channels}
         self._access = access
-        self._clock = clock
         self._channels = [channels[role] for role in roles]
         self._infos = [input_info(table, channel) for channel in self._channels]
         self._places = [place_of(table, channel) for channel in self._channels]
@@ -78,34 +59,22 @@ class Inputs:
             dict.fromkeys([*self._places, *(w for both in self._words for w in both if w)])
         )
 
-    @property
-    def blocks(self) -> tuple[Block, ...]:
-        """Requests of one reading."""
-        return self._access.blocks(self._wanted)
-
     def read(self) -> Reading:
         """Return one reading; raises as `Access.read`."""
-        before_s = self._clock()
+        before_s = time.monotonic()
         found = dict(zip(self._wanted, self._access.read(self._wanted), strict=True))
-        after_s = self._clock()
-        doubt, raw = "", []
-        for channel, place, (state, sign) in zip(
-            self._channels, self._places, self._words, strict=True
+        after_s = time.monotonic()
+        doubt, values, saturated = "", list[float](), list[bool]()
+        for channel, info, place, (state, sign) in zip(
+            self._channels, self._infos, self._places, self._words, strict=True
         ):
             number = found[place]
             doubt = doubt or _doubt(channel, number, None if state is None else int(found[state]))
-            negative = (
-                sign is not None
-                and channel.sign is not None
-                and (int(found[sign]) >> channel.sign.bit & 1)
-            )
-            raw.append(-number if negative else number)
-        values = tuple(_scaled(c, n) for c, n in zip(self._channels, raw, strict=True))
-        saturated = tuple(
-            not info.wrap and not info.low < value < info.high
-            for info, value in zip(self._infos, values, strict=True)
-        )
-        return Reading(values, saturated, doubt, before_s, after_s)
+            if sign is not None and channel.sign is not None:
+                number *= -1 if int(found[sign]) >> channel.sign.bit & 1 else 1
+            values.append(_scaled(channel, number))
+            saturated.append(not info.wrap and not info.low < values[-1] < info.high)
+        return Reading(tuple(values), tuple(saturated), doubt, before_s, after_s)
 
 
 def input_info(table: ModbusAcquisition, channel: ModbusChannel) -> InputInfo:
@@ -142,107 +111,68 @@ def _doubt(channel: ModbusChannel, raw: float | int, state: int | None) -> str:
     return f"the status word of {channel.role} reads 0x{state & status.mask:X}"
 
 
+@dataclass(slots=True)
 class Polling:
     """Delivers one reading per period, each with its time.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        What is read.
-    n_channels, n_samples : int
-        Channels of a reading, and how many are wanted.
-    period_s : float
-        Sampling period, s.
-    clock, sleep : callable
-        Monotonic clock in s, and waiting.
-
-    Notes
-    -----
     Reading k is due at start + k period. It belongs to the index whose due time is nearest to the
     middle between its request and its reply; an index that none came for is counted as lost, and
     so is one whose reading the device itself calls invalid.
     """
 
-    def __init__(
-        self,
-        inputs: Inputs,
-        n_channels: int,
-        n_samples: int,
-        period_s: float,
-        clock: Callable[[], float],
-        sleep: Callable[[float], None],
-    ) -> None:
-        self.started = False
-        self.stopped = False
-        self._inputs = inputs
-        self._n_channels = n_channels
-        self._n_samples = n_samples
-        self._period_s = period_s
-        self._clock = clock
-        self._sleep = sleep
-        self._start_s = 0.0
-        self._next = 0
-        self._untold = 0
+    inputs: Inputs
+    settings: DaqSettings
+    started: bool = False
+    stopped: bool = False
+    _start_s: float = 0.0
+    _next: int = 0
+    _untold: int = 0
 
     @property
     def sampling(self) -> bool:
         """Whether readings are still to come."""
-        return self.started and not self.stopped and self._next < self._n_samples
+        return self.started and not self.stopped and self._next < self.settings.n_samples
 
     def start(self) -> None:
         """Begin: index 0 is due now."""
         self.started = True
-        self._start_s = self._clock()
-
-    def stop(self) -> None:
-        """Read no more."""
-        self.stopped = True
+        self._start_s = time.monotonic()
 
     def next_block(self, *, tripped: bool) -> ScanBlock | None:
         """Return the next reading; None when none is due yet, or it was invalid."""
+        period_s, n_samples = self.settings.sample_period_s, self.settings.n_samples
+        now_s = time.monotonic()
         if not self.sampling:
-            return self._last(tripped=tripped)
-        wait_s = self._start_s + self._next * self._period_s - self._clock()
+            return self._block(None, (now_s, now_s), tripped=tripped)
+        wait_s = self._start_s + self._next * period_s - now_s
         if wait_s > 0.0:
-            self._sleep(min(wait_s, _WAIT_S))
+            time.sleep(min(wait_s, _WAIT_S))
             if wait_s > _WAIT_S:
                 return None
-        reading = self._inputs.read()
-        middle_s = 0.5 * (reading.before_s + reading.after_s)
-        index = max(self._next, round((middle_s - self._start_s) / self._period_s))
-        if index >= self._n_samples:
-            self._untold += self._n_samples - self._next
-            self._next = self._n_samples
-            return self._last(tripped=tripped)
-        lost, self._untold = self._untold + index - self._next, 0
-        self._next = index + 1
-        if reading.doubt:
-            self._untold = lost + 1
+        reading = self.inputs.read()
+        read_s = (reading.before_s, reading.after_s)
+        index = max(self._next, round((0.5 * sum(read_s) - self._start_s) / period_s))
+        self._untold += min(index, n_samples) - self._next
+        self._next = min(index + 1, n_samples)
+        if index < n_samples and reading.doubt:
+            self._untold += 1
             return None
-        return ScanBlock(
-            first_index=index,
-            lost_before=lost,
-            values=np.array([reading.values], dtype=np.float64),
-            saturated=np.array([reading.saturated], dtype=bool),
-            running=self._next < self._n_samples,
-            watchdog_tripped=tripped,
-            depth=0,
-            read_s=(reading.before_s, reading.after_s),
-            time_s=np.array([middle_s]),
-        )
+        return self._block(reading if index < n_samples else None, read_s, tripped=tripped)
 
-    def _last(self, *, tripped: bool) -> ScanBlock:
-        """Return an empty block; losses at the end are told with it."""
+    def _block(
+        self, reading: Reading | None, read_s: tuple[float, float], *, tripped: bool
+    ) -> ScanBlock:
+        """Return one reading, or an empty block, with which losses at the end are told."""
         lost, self._untold = self._untold, 0
-        now_s = self._clock()
+        shape = (0 if reading is None else 1, len(self.settings.roles))
         return ScanBlock(
-            first_index=self._next,
+            first_index=self._next - shape[0],
             lost_before=lost,
-            values=np.zeros((0, self._n_channels)),
-            saturated=np.zeros((0, self._n_channels), dtype=bool),
-            running=False,
+            values=np.reshape(() if reading is None else reading.values, shape).astype(np.float64),
+            saturated=np.reshape(() if reading is None else reading.saturated, shape).astype(bool),
+            running=self.sampling,
             watchdog_tripped=tripped,
             depth=0,
-            read_s=(now_s, now_s),
-            time_s=np.zeros(0),
+            read_s=read_s,
+            time_s=np.full(shape[0], 0.5 * sum(read_s)),
         )

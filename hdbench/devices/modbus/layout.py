@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hdbench.devices.registers import FORMATS, Register, Space, decode, encode, ordered
-from hdbench.devices.wire import (
+from hdbench.devices.wire.link import (
     Request,
     read_bits,
     read_registers,

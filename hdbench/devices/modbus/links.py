@@ -11,7 +11,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hdbench.devices.pymodbusparts import (
     CommParams,
@@ -28,14 +28,9 @@ from hdbench.devices.pymodbusparts import (
 from hdbench.devices.wire.address import Address, dial
 from hdbench.devices.wire.link import FrameError, Link, Probe, ReplyCheck
 from hdbench.devices.wire.rtu import RtuLink
-from hdbench.devices.wire.tcp import TcpLink
+from hdbench.devices.wire.tcp import Certificates, Secure, TcpLink, left_to_connect_s, security_of
 from hdbench.system.lines import Claim, PortIo
 from hdbench.system.sockets import TimedSocket
-
-if TYPE_CHECKING:
-    import ssl
-
-    from hdbench.devices.wire.tcp import Certificates
 
 _INCOMPLETE = (0, 0, 0, b"")
 # longest frame of the ASCII form: colon, 2 x 255 characters, end of line
@@ -213,33 +208,22 @@ def polled_link(
     probe: Probe | None = None,
     tls: Certificates | None = None,
     claim: Claim = "hold",
-    clock: Callable[[], float] = time.monotonic,
 ) -> Link:
     """Return a link to the device at `address`; nothing is opened or sent yet."""
     if address.scheme in ("rtu", "ascii"):
-        return _LineLink(address, unit, probe, clock, claim)
+        return _LineLink(address, unit, probe, claim)
     if address.scheme == "rtu+tcp":
-        return _RtuOverTcpLink(address, unit, probe, clock)
+        return _RtuOverTcpLink(address, unit, probe)
     if address.scheme == "udp":
-        return _UdpLink(address, unit, clock)
-    if address.scheme == "tls":
-        from hdbench.devices.wire.tcp import client_security
-
-        return _StreamLink(address, unit, clock, client_security(address, tls))
-    return _StreamLink(address, unit, clock)
+        return _UdpLink(address, unit)
+    return _StreamLink(address, unit, security_of(address, tls))
 
 
 class _StreamLink(TcpLink):
     """TCP and TLS."""
 
-    def __init__(
-        self,
-        address: Address,
-        unit: int,
-        clock: Callable[[], float],
-        secure: Callable[[socket.socket], ssl.SSLSocket] | None = None,
-    ) -> None:
-        super().__init__(address, unit, clock, secure)
+    def __init__(self, address: Address, unit: int, secure: Secure | None = None) -> None:
+        super().__init__(address, unit, secure)
         self._client = StrictClient("socket", unit)
 
     def close(self) -> None:
@@ -261,8 +245,7 @@ class _StreamLink(TcpLink):
 class _UdpLink(_StreamLink):
     """UDP: each datagram is a frame."""
 
-    def _dial(self, left_s: float) -> socket.socket:
-        return dial(self._target, left_s, socket.SOCK_DGRAM)
+    _kind = socket.SOCK_DGRAM
 
     def _receive(self, connection: TimedSocket, until_s: float) -> bytes:
         while True:
@@ -276,14 +259,9 @@ class _LineLink(RtuLink):
     """RTU and ASCII on a serial port."""
 
     def __init__(
-        self,
-        address: Address,
-        unit: int,
-        probe: Probe | None,
-        clock: Callable[[], float],
-        claim: Claim = "hold",
+        self, address: Address, unit: int, probe: Probe | None, claim: Claim = "hold"
     ) -> None:
-        super().__init__(address, unit, probe, clock, claim)
+        super().__init__(address, unit, probe, claim)
         self._client = StrictClient("ascii" if address.scheme == "ascii" else "rtu", unit)
 
     def _once(self, io: PortIo, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
@@ -295,7 +273,7 @@ class _LineLink(RtuLink):
                 lambda: self._piece(io, until_s),
             )
         finally:
-            self._silent_from_s = self._clock()
+            self._silent_from_s = time.monotonic()
 
 
 class _RtuOverTcpLink(_LineLink):
@@ -312,11 +290,8 @@ class _RtuOverTcpLink(_LineLink):
             raise
 
     def _opened(self, until_s: float) -> PortIo:
-        left_s = until_s - self._clock()
-        if not left_s > 0.0:
-            raise FrameError("no time left to connect")
-        connection = dial((self._address.host, self._address.port), left_s)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        place = (self._address.host, self._address.port)
+        connection = dial(place, left_to_connect_s(until_s))
         connection.setblocking(False)
         return _SocketIo(connection)
 

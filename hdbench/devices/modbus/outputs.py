@@ -6,7 +6,7 @@ from hdbench.devices.daq import WatchdogState
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import fits, place_of
 from hdbench.devices.registers import Register, range_of
-from hdbench.devices.wire import FrameError
+from hdbench.devices.wire.link import FrameError
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring_modbus import (
     ModbusAcquisition,
@@ -62,22 +62,20 @@ class Watchdog:
             self._access.write(self._time, wanted)
         found = self._access.read([self._time])[0]
         if not 0 < found <= wanted:
-            raise DeviceError(
+            raise self._access.error(
                 f"the watchdog's time reads back as {found * self._spec.unit_s:g} s; written: "
                 f"{wanted * self._spec.unit_s:g} s",
-                where=f"{self._access.where}, {self._time.name}",
-                fix="without this watchdog nothing may move: compare daq.output.watchdog with the "
+                self._time.name,
+                "without this watchdog nothing may move: compare daq.output.watchdog with the "
                 "device's manual",
             )
         self.clear()
         self.feed()
         self._armed = True
         if self.rests():
-            raise DeviceError(
-                "the watchdog reads as tripped after it was cleared and fed",
-                where=f"{self._access.where}, {self._tripped.name}",
-                fix="compare daq.output.watchdog.clear and .feed with the device's manual",
-            )
+            what = "the watchdog reads as tripped after it was cleared and fed"
+            fix = "compare daq.output.watchdog.clear and .feed with the device's manual"
+            raise self._access.error(what, self._tripped.name, fix)
         return float(found * self._spec.unit_s)
 
     def feed(self) -> None:
@@ -199,10 +197,10 @@ class Outputs:
             self._access.pause()
             found = self.read_back()
         if not abs(found - value) <= allowed:
-            raise DeviceError(
+            raise self._access.error(
                 f"the reference reads back as {found:.6g} V; written: {value:.6g} V",
-                where=f"{self._access.where}, {self._back.name}",
-                fix="use the emergency stop if the motor turns, then check scale and read_back of "
+                self._back.name,
+                "use the emergency stop if the motor turns, then check scale and read_back of "
                 "daq.output",
             )
         return found

@@ -6,31 +6,14 @@ import math
 import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import NoReturn
 
 from hdbench.devices.bench import Identity
 from hdbench.devices.daq import DaqSettings
+from hdbench.devices.node import registers as reg
 from hdbench.devices.node.blocks import BlockExchange, channel_bits
-from hdbench.devices.node.registers import (
-    BLOCK,
-    IDENTITY,
-    LIMITS,
-    NONCE,
-    PROGRAM,
-    PROGRAM_WAVE,
-    PROTOCOL_VERSION,
-    STATUS,
-    WAVES,
-    WORD_ORDER_TEST,
-    Capability,
-    Command,
-    Refusal,
-    register,
-    register_at,
-)
 from hdbench.devices.registers import Register, Value, as_float32, decode_group, encode_group
 from hdbench.devices.transactor import TWICE, Build, Transactor
-from hdbench.devices.wire import (
+from hdbench.devices.wire.link import (
     ExceptionReply,
     FrameError,
     Link,
@@ -46,6 +29,13 @@ from hdbench.errors import BusyError, DeviceError, HdbenchError
 from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
+# what helps where a port cannot be opened
+_FIXES = {
+    "Permission denied": "join the group that owns the port (often: sudo usermod -aG dialout "
+    "$USER), log in again",
+    "No such file": "take a port that `hdbench devices` lists, and check the cable",
+    "another program": "close the other program that has the port open, then run again",
+}
 # lengths that no other read of a node has, in registers
 _PROBE_COUNTS = (3, 5, 7, 9, 11, 13, 17, 19)
 
@@ -53,7 +43,7 @@ _PROBE_COUNTS = (3, 5, 7, 9, 11, 13, 17, 19)
 def node_probe(number: int) -> tuple[bytes, ReplyCheck]:
     """Return the n-th who-are-you read of a node, a `hdbench.devices.wire.Probe`."""
     count = _PROBE_COUNTS[number % len(_PROBE_COUNTS)]
-    return read_registers(IDENTITY[0].address, count)
+    return read_registers(reg.IDENTITY[0].address, count)
 
 
 def span(group: Sequence[Register]) -> tuple[int, int]:
@@ -70,163 +60,6 @@ def writable(group: Sequence[Register], values: bytes) -> tuple[int, int]:
     return address, count
 
 
-class NodeWire(Transactor):
-    """Register access to one node.
-
-    Parameters
-    ----------
-    link : Link
-        The connection; owned by the wire from now on.
-    deadline_s : float
-        Longest time one call may take, s, above 0; repetitions included.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Notes
-    -----
-    Reads and the acknowledged block exchange are repeated once within the deadline. Writes are
-    sent exactly once: what became of a write without an answer has to be read back.
-    """
-
-    def __init__(
-        self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        super().__init__(link, deadline_s=deadline_s, clock=clock)
-        self.where = f"node {link.where}"
-        self._session = 0
-        self._heartbeat = 0
-        self._nonce = 0
-        link.opened = self._present_session
-
-    def read(self, group: Sequence[Register]) -> bytes:
-        """Return the bytes of adjacent registers."""
-        address, count = span(group)
-        return self._repeat(lambda: read_registers(address, count), group[0])
-
-    def read_status(self) -> bytes:
-        """Return the status block of this moment, tagged so that it can be no older one."""
-        address, count = span(STATUS)
-
-        def build() -> tuple[bytes, ReplyCheck]:
-            self._nonce = self._nonce % 0xFFFF + 1
-            nonce = struct.pack(">H", self._nonce)
-            pdu, exact = exchange_registers(address, count, NONCE[0].address, nonce)
-
-            def check(reply: bytes) -> None:
-                exact(reply)
-                if reply[-2:] != nonce:
-                    raise StaleReply
-
-            return pdu, check
-
-        return self._repeat(build, STATUS[0])
-
-    def exchange(self, window: BlockExchange, ack: int) -> bytes:
-        """Acknowledge a block, feed the watchdog and read the window, in one transaction."""
-
-        def build() -> tuple[bytes, ReplyCheck]:
-            self._heartbeat = self._heartbeat % 0xFFFF + 1
-            return window.build(ack, self._heartbeat)
-
-        return self._repeat(build, BLOCK[0])
-
-    def feed(self) -> None:
-        """Write a changed heartbeat, outside of the block exchange."""
-        self._heartbeat = self._heartbeat % 0xFFFF + 1
-        self.write_once((register("heartbeat"),), struct.pack(">H", self._heartbeat))
-
-    def write_once(self, group: Sequence[Register], values: bytes) -> None:
-        """Write `values` to adjacent registers, sent exactly once."""
-        address, count = writable(group, values)
-        request = (
-            write_register(address, int.from_bytes(values, "big"))
-            if count == 1
-            else write_registers(address, values)
-        )
-        self._transact(lambda: request, group[0], 1)
-
-    def take_session(self, token: int) -> None:
-        """Write the session's token; it is shown again on every later connection."""
-        self._session = 0
-        self.write_once((register("session"),), struct.pack(">I", token))
-        self._session = token
-
-    def close(self) -> None:
-        """Give the session back and close the connection; never raises."""
-        if self._session:
-            try:
-                self.take_session(0)
-            except HdbenchError:
-                # the node ends the session by itself once the connection is gone
-                self._link.close()
-        self._link.close()
-
-    def _present_session(self, until_s: float) -> None:
-        """Show the token on a fresh connection."""
-        if not self._session:
-            return
-        address = register("session").address
-        pdu, check = write_registers(address, struct.pack(">I", self._session))
-        try:
-            self._link.transact(pdu, check, until_s)
-        except ExceptionReply:
-            # the session is lost; without it a new connection may still read, and stop the motor
-            self._session = 0
-            self._link.close()
-            raise
-
-    def _repeat(self, build: Build, first: Register) -> bytes:
-        return self._transact(build, first, TWICE)[2:]
-
-    def _transact(self, build: Build, first: Register, attempts: int) -> bytes:
-        return self.transact(
-            build,
-            attempts,
-            refused=lambda reply, until_s: self._refused(reply, first, until_s),
-            fault=lambda what: self._fault(first, what),
-        )
-
-    def _refused(self, reply: ExceptionReply, first: Register, until_s: float) -> NoReturn:
-        """Raise what the node's exception means, with its own reason where it gives one."""
-        reason, address = self._reason(until_s)
-        entry = (register_at(address) or first) if reason else first
-        why = f": {reason.name.lower().replace('_', ' ')}" if reason else ""
-        kind: type[HdbenchError] = DeviceError
-        fix = "compare the value with the node's limits (docs/node-protocol.md)"
-        if reason == Refusal.SESSION_HELD:
-            kind = BusyError
-            fix = "wait until the other host has finished; a killed one loses its session in 2 s"
-        raise kind(
-            f"the node refused with {reply}{why}", where=self._place(entry), fix=fix
-        ) from reply
-
-    def _reason(self, until_s: float) -> tuple[Refusal, int]:
-        """Ask, once and in what is left of the deadline, why the last request was refused."""
-        pdu, _ = read_registers(register("refusal").address, 2)
-        try:
-            reply = self._link.transact(pdu, registers_check(3, 2), until_s)
-            code, where = struct.unpack(">HH", reply[2:])
-            return Refusal(code), where
-        except (ExceptionReply, FrameError, ValueError):
-            return Refusal.NONE, 0
-
-    def _fault(self, first: Register, what: str) -> DeviceError:
-        fix = "check address, power and cable of the node, then run `hdbench doctor`"
-        if "Permission denied" in what:
-            fix = (
-                "join the group that owns the port (often: sudo usermod -aG dialout $USER), log in"
-            )
-            fix += " again"
-        elif "No such file" in what:
-            fix = "take a port that `hdbench devices` lists, and check the cable"
-        elif "another program" in what:
-            fix = "close the other program that has the port open, then run again"
-        return DeviceError(what, where=self._place(first), fix=fix)
-
-    def _place(self, entry: Register) -> str:
-        return f"{self.where}, register {entry.name} (0x{entry.address:04X})"
-
-
 # codes fill 16 bits from the left
 _FEWEST_BITS, _MOST_BITS = 8, 16
 _ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")
@@ -237,16 +70,10 @@ def parameter_values(settings: DaqSettings, limits: Mapping[str, Value]) -> dict
     program = settings.reference if isinstance(settings.reference, ReferenceProgram) else None
     wave = settings.reference if isinstance(settings.reference, ReferenceWave) else None
     values: dict[str, Value] = {
-        "bias_v": as_float32(wave.bias_v if wave else 0.0),
         "sample_period_ns": round(1e9 * settings.sample_period_s),
         "n_samples": settings.n_samples,
-        "amplitude_v": as_float32(wave.amplitude_v if wave else 0.0),
-        "wave": WAVES.index(wave.wave) if wave else PROGRAM_WAVE if program else 0,
-        "frequency_hz": as_float32(wave.frequency_hz if wave else 0.0),
-        "duty": as_float32(wave.duty if wave else 0.0),
-        "rise": as_float32(wave.rise if wave else 0.0),
-        "fall": as_float32(wave.fall if wave else 0.0),
-        "end_frequency_hz": as_float32(wave.end_frequency_hz if wave else 0.0),
+        "wave": reg.WAVES.index(wave.wave) if wave else reg.PROGRAM_WAVE if program else 0,
+        **{name: as_float32(getattr(wave, name) if wave else 0.0) for name in reg.WAVE_NUMBERS},
         "watchdog_ms": round(1e3 * settings.watchdog_s),
         "channels": channel_bits(settings.roles, settings.sample_period_s, limits),
     }
@@ -263,11 +90,7 @@ def part_values(program: ReferenceProgram) -> list[dict[str, Value]]:
             "program_part": number,
             "program_parts": len(program.parts),
             "part_samples": part.n_samples,
-            "part_start_v": as_float32(part.start_v),
-            "part_end_v": as_float32(part.end_v),
-            "part_amplitude_v": as_float32(part.amplitude_v),
-            "part_frequency_hz": as_float32(part.frequency_hz),
-            "part_end_frequency_hz": as_float32(part.end_frequency_hz),
+            **{f"part_{name}": as_float32(getattr(part, name)) for name in reg.PART_NUMBERS},
         }
         for number, part in enumerate(program.parts)
     ]
@@ -277,86 +100,211 @@ def _check(values: Mapping[str, Value], name: str, low: Value, high: Value) -> N
     if not float(low) <= float(values[name]) <= float(high):
         raise DeviceError(
             f"{name} {values[name]} is outside the node's {low} to {high}",
-            where=f"register {name} (0x{register(name).address:04X})",
+            where=f"register {name} (0x{reg.register(name).address:04X})",
             fix="change the plan, or [daq] of the profile",
         )
 
 
-class NodeAccess(NodeWire):
-    """Everything of a node but its acquisition.
+class NodeAccess(Transactor):
+    """Everything of a node but its acquisition: registers, identity, limits, parameters.
 
-    Parameters are those of `NodeWire`.
+    Parameters
+    ----------
+    link : Link
+        The connection; owned by the wire from now on.
+    deadline_s : float
+        Longest time one call may take, s, above 0; repetitions included.
+    clock : callable, optional
+        Monotonic clock, s.
+
+    Notes
+    -----
+    Reads and the acknowledged block exchange are repeated once within the deadline. Writes are
+    sent exactly once: what became of a write without an answer has to be read back.
     """
 
+    _fix = "check address, power and cable of the node, then run `hdbench doctor`"
     _identity: Identity | None = None
     _limits: dict[str, Value] | None = None
     _has_program = False
 
+    def __init__(
+        self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__("node", link, deadline_s=deadline_s, clock=clock)
+        self._session = 0
+        self._heartbeat = 0
+        self._nonce = 0
+        link.opened = self._present_session
+
+    def read(self, group: Sequence[Register]) -> bytes:
+        """Return the bytes of adjacent registers."""
+        address, count = span(group)
+        return self._repeat(lambda: read_registers(address, count), group[0].name)
+
+    def read_status(self) -> bytes:
+        """Return the status block of this moment, tagged so that it can be no older one."""
+        address, count = span(reg.STATUS)
+
+        def build() -> tuple[bytes, ReplyCheck]:
+            self._nonce = self._nonce % 0xFFFF + 1
+            nonce = struct.pack(">H", self._nonce)
+            pdu, exact = exchange_registers(address, count, reg.NONCE[0].address, nonce)
+
+            def check(reply: bytes) -> None:
+                exact(reply)
+                if reply[-2:] != nonce:
+                    raise StaleReply
+
+            return pdu, check
+
+        return self._repeat(build, reg.STATUS[0].name)
+
+    def exchange(self, window: BlockExchange, ack: int) -> bytes:
+        """Acknowledge a block, feed the watchdog and read the window, in one transaction."""
+
+        def build() -> tuple[bytes, ReplyCheck]:
+            self._heartbeat = self._heartbeat % 0xFFFF + 1
+            return window.build(ack, self._heartbeat)
+
+        return self._repeat(build, reg.BLOCK[0].name)
+
+    def feed(self) -> None:
+        """Write a changed heartbeat, outside of the block exchange."""
+        self._heartbeat = self._heartbeat % 0xFFFF + 1
+        self.write_once((reg.register("heartbeat"),), struct.pack(">H", self._heartbeat))
+
+    def write_once(self, group: Sequence[Register], values: bytes) -> None:
+        """Write `values` to adjacent registers, sent exactly once."""
+        address, count = writable(group, values)
+        request = (
+            write_register(address, int.from_bytes(values, "big"))
+            if count == 1
+            else write_registers(address, values)
+        )
+        self.transact(lambda: request, group[0].name, 1)
+
+    def take_session(self, token: int) -> None:
+        """Write the session's token; it is shown again on every later connection."""
+        self._session = 0
+        self.write_once((reg.register("session"),), struct.pack(">I", token))
+        self._session = token
+
+    def close(self) -> None:
+        """Give the session back and close the connection; never raises."""
+        if self._session:
+            try:
+                self.take_session(0)
+            except HdbenchError:
+                # the node ends the session by itself once the connection is gone
+                self._link.close()
+        super().close()
+
+    def _present_session(self, until_s: float) -> None:
+        """Show the token on a fresh connection."""
+        if not self._session:
+            return
+        address = reg.register("session").address
+        pdu, check = write_registers(address, struct.pack(">I", self._session))
+        try:
+            self._link.transact(pdu, check, until_s)
+        except ExceptionReply:
+            # the session is lost; without it a new connection may still read, and stop the motor
+            self._session = 0
+            self._link.close()
+            raise
+
+    def _repeat(self, build: Build, name: str) -> bytes:
+        return self.transact(build, name, TWICE)[2:]
+
+    def _refused(self, reply: ExceptionReply, name: str, until_s: float) -> HdbenchError:
+        """Return what the node's exception means, with its own reason where it gives one."""
+        reason, address = self._reason(until_s)
+        entry = reg.register_at(address) if reason else None
+        where = self._place(entry.name if entry else name)
+        why = f": {reason.name.lower().replace('_', ' ')}" if reason else ""
+        what = f"the node refused with {reply}{why}"
+        if reason == reg.Refusal.SESSION_HELD:
+            fix = "wait until the other host has finished; a killed one loses its session in 2 s"
+            return BusyError(what, where=where, fix=fix)
+        fix = "compare the value with the node's limits (docs/node-protocol.md)"
+        return DeviceError(what, where=where, fix=fix)
+
+    def _reason(self, until_s: float) -> tuple[reg.Refusal, int]:
+        """Ask, once and in what is left of the deadline, why the last request was refused."""
+        pdu, _ = read_registers(reg.register("refusal").address, 2)
+        try:
+            reply = self._link.transact(pdu, registers_check(3, 2), until_s)
+            code, where = struct.unpack(">HH", reply[2:])
+            return reg.Refusal(code), where
+        except (ExceptionReply, FrameError, ValueError):
+            return reg.Refusal.NONE, 0
+
+    def _fault(self, what: str, name: str) -> DeviceError:
+        for told, fix in _FIXES.items():
+            if told in what:
+                return self.error(what, name, fix)
+        return super()._fault(what, name)
+
+    def _place(self, name: str) -> str:
+        return f"{self.where}, register {name} (0x{reg.register(name).address:04X})"
+
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
         if self._identity is None:
-            values = decode_group(IDENTITY, self.read(IDENTITY))
-            if values["word_order"] != WORD_ORDER_TEST:
+            values = decode_group(reg.IDENTITY, self.read(reg.IDENTITY))
+            if values["word_order"] != reg.WORD_ORDER_TEST:
                 raise self.error(
                     f"word order test reads 0x{values['word_order']:08X}; "
-                    f"needed: 0x{WORD_ORDER_TEST:08X}",
+                    f"needed: 0x{reg.WORD_ORDER_TEST:08X}",
                     "word_order",
                     "this is no bench controller node, or its word order is swapped",
                 )
-            if values["protocol_version"] != PROTOCOL_VERSION:
+            if values["protocol_version"] != reg.PROTOCOL_VERSION:
                 raise self.error(
-                    f"map version {values['protocol_version']}; needed: {PROTOCOL_VERSION}",
+                    f"map version {values['protocol_version']}; needed: {reg.PROTOCOL_VERSION}",
                     "protocol_version",
                     "update the node's firmware or hdbench",
                 )
-            self._has_program = bool(int(values["capabilities"]) & Capability.PROGRAM)
+            self._has_program = bool(int(values["capabilities"]) & reg.Capability.PROGRAM)
             self._identity = Identity(
-                vendor=str(values["vendor"]),
-                model=str(values["model"]),
-                serial=str(values["serial"]),
-                firmware=str(values["firmware"]),
-                simulated=bool(int(values["capabilities"]) & Capability.SIMULATED),
+                **{name: str(values[name]) for name in ("vendor", "model", "serial", "firmware")},
+                simulated=bool(int(values["capabilities"]) & reg.Capability.SIMULATED),
             )
         return self._identity
 
     def limits(self) -> dict[str, Value]:
         """Return the node's own limits and scales, by register name."""
         if self._limits is None:
-            found = decode_group(LIMITS, self.read(LIMITS))
+            found = decode_group(reg.LIMITS, self.read(reg.LIMITS))
             self._check_limits(found)
             self._limits = found
         return self._limits
 
     def _check_limits(self, found: dict[str, Value]) -> None:
         """Refuse scales that no node can have: everything measured is made with them."""
+        fix = "correct the node's firmware (docs/node-protocol.md)"
         bits = int(found["converter_bits"])
         if not _FEWEST_BITS <= bits <= _MOST_BITS:
-            raise self.error(
-                f"a converter of {bits} bits; needed: {_FEWEST_BITS} to {_MOST_BITS}",
-                "converter_bits",
-                "correct the node's firmware (docs/node-protocol.md)",
-            )
+            what = f"a converter of {bits} bits; needed: {_FEWEST_BITS} to {_MOST_BITS}"
+            raise self.error(what, "converter_bits", fix)
         for name in _ABOVE_ZERO:
             # written so that NaN fails
             if not 0.0 < float(found[name]) < math.inf:
-                raise self.error(
-                    f"{name} is {found[name]}; needed: a number above 0",
-                    name,
-                    "correct the node's firmware (docs/node-protocol.md)",
-                )
+                raise self.error(f"{name} is {found[name]}; needed: a number above 0", name, fix)
 
     def status(self) -> dict[str, Value]:
         """Return the status block of this moment, by register name."""
-        return decode_group(STATUS, self.read_status())
+        return decode_group(reg.STATUS, self.read_status())
 
-    def command(self, command: Command) -> None:
+    def command(self, command: reg.Command) -> None:
         """Write a command, once."""
-        self.write_once((register("command"),), struct.pack(">H", command))
+        self.write_once((reg.register("command"),), struct.pack(">H", command))
 
     def make_safe(self) -> None:
         """Order the safe state of a device that is known to be a node."""
         self.identity()
-        self.command(Command.SAFE)
+        self.command(reg.Command.SAFE)
 
     def write_program(self, program: ReferenceProgram) -> None:
         """Write the parts of a program and read each of them back."""
@@ -367,7 +315,7 @@ class NodeAccess(NodeWire):
                 "update the node's firmware (docs/node-protocol.md), or run without --plan",
             )
         for part in part_values(program):
-            self.write_and_read_back(PROGRAM, part)
+            self.write_and_read_back(reg.PROGRAM, part)
 
     def write_and_read_back(self, group: tuple[Register, ...], wanted: dict[str, Value]) -> None:
         """Write `wanted` once; what counts is what then stands in the node."""
@@ -384,10 +332,3 @@ class NodeAccess(NodeWire):
                     name,
                     "run again; if it stays, check the node's firmware",
                 )
-
-    def error(self, what: str, name: str, fix: str) -> DeviceError:
-        """Return an error that names a register."""
-        entry = register(name)
-        return DeviceError(
-            what, where=f"{self.where}, register {name} (0x{entry.address:04X})", fix=fix
-        )

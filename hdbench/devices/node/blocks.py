@@ -12,26 +12,15 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from hdbench.devices.daq import DaqSettings, Role, ScanBlock
-from hdbench.devices.node.registers import (
-    BLOCK,
-    BLOCK_HEADER_REGISTERS,
-    CHANNELS,
-    ENCODER_HIGH,
-    ENCODER_LOW,
-    FEED,
-    Flag,
-    block_registers,
-    block_scans,
-    register,
-)
+from hdbench.devices.node import registers as reg
 from hdbench.devices.registers import Value
-from hdbench.devices.wire import FrameError, ReplyCheck, StaleReply, exchange_registers
+from hdbench.devices.wire.link import FrameError, ReplyCheck, StaleReply, exchange_registers
 from hdbench.errors import DeviceError
 from hdbench.records.trace import FloatArray
 
 # echo, run, seq, flags with channels, scans, depth, first index, encoder, checksum
 HEADER = struct.Struct(">HHHHHHIiI")
-DATA_AT = 2 * BLOCK_HEADER_REGISTERS
+DATA_AT = 2 * reg.BLOCK_HEADER_REGISTERS
 CRC_AT = DATA_AT - 4
 _CODE_SPAN = 32768
 # half of what 16 bits can tell apart between two scans, and a factor of two to be sure
@@ -39,7 +28,7 @@ _SURE_COUNTS = 2.0**14
 _WIRE, _WORD, _UNSIGNED = np.dtype(">i2"), np.dtype(np.int16), np.dtype(np.uint16)
 _NOTHING = bytes(DATA_AT)
 _FEED = struct.Struct(">HH")
-_RUNNING, _TRIPPED = int(Flag.RUNNING), int(Flag.WATCHDOG_TRIPPED)
+_RUNNING, _TRIPPED = int(reg.Flag.RUNNING), int(reg.Flag.WATCHDOG_TRIPPED)
 
 
 def block_fault(raw: bytes) -> str:
@@ -59,11 +48,11 @@ def channel_bits(
     roles: tuple[Role, ...], sample_period_s: float, limits: Mapping[str, Value]
 ) -> int:
     """Return the bits of `channels` for the roles of a scan."""
-    bits = sum(1 << CHANNELS.index(role) for role in roles if role != "encoder")
+    bits = sum(1 << reg.CHANNELS.index(role) for role in roles if role != "encoder")
     if "encoder" not in roles:
         return bits
     sure = _most_counts(sample_period_s, limits) < _SURE_COUNTS
-    return bits | ENCODER_LOW | (0 if sure else ENCODER_HIGH)
+    return bits | reg.ENCODER_LOW | (0 if sure else reg.ENCODER_HIGH)
 
 
 def _most_counts(sample_period_s: float, limits: Mapping[str, Value]) -> float:
@@ -100,10 +89,10 @@ class ScanDecoder:
     ) -> None:
         self.bits = bits = channel_bits(roles, sample_period_s, limits)
         # the node sends words in the order of their bits; the encoder's last one stands for it
-        words = [CHANNELS[min(bit, 4)] for bit in range(6) if bits >> bit & 1]
+        words = [reg.CHANNELS[min(bit, 4)] for bit in range(6) if bits >> bit & 1]
         order = [len(words) - 1 - words[::-1].index(role) for role in roles]
         self._order = None if order == list(range(len(words))) else order
-        shape = (block_scans(len(words)), len(words))
+        shape = (reg.block_scans(len(words)), len(words))
         amperes = float(limits["current_range_a"]) / _CODE_SPAN
         volts = float(limits["range_v"]) / _CODE_SPAN
         scales = {"current": amperes, "encoder": 1.0}
@@ -127,7 +116,7 @@ class ScanDecoder:
         scales = self._scales if n_scans == len(self._scales) else self._scales[:n_scans]
         words = np.ndarray(scales.shape, _WIRE, raw if n_scans else _NOTHING, DATA_AT)
         values: FloatArray = words * scales
-        if self.bits & ENCODER_LOW and n_scans:
+        if self.bits & reg.ENCODER_LOW and n_scans:
             self._count(values[:, -1], words, encoder)
         # both ends of at least 8 bits begin with one of two bytes: mostly none of them is there
         high = raw[DATA_AT : DATA_AT + words.nbytes : 2]
@@ -149,7 +138,7 @@ class ScanDecoder:
 
     def _count(self, counts: FloatArray, words: NDArray[np.int16], encoder: int) -> None:
         """Make 32-bit counts of `counts`, which hold the low words."""
-        if self.bits & ENCODER_HIGH:
+        if self.bits & reg.ENCODER_HIGH:
             low = words[:, -1].astype(_WORD).view(_UNSIGNED)
             counts[:] = words[:, -2].astype(np.int64) * 2**16 + low
             return
@@ -183,7 +172,7 @@ class BlockExchange:
     """
 
     def __init__(self, count: int) -> None:
-        window, target = BLOCK[0].address, FEED[0].address
+        window, target = reg.BLOCK[0].address, reg.FEED[0].address
         request, self._exact = exchange_registers(window, count, target, b"\0\0\0\0")
         self._request = request[:-4]
         self._head, self._size = bytes((request[0], 2 * count)), 2 + 2 * count
@@ -234,7 +223,7 @@ class BlockReader:
         self.stopped = False
         self.ended_early = False
         self.ack = 0
-        self.window = BlockExchange(block_registers(self._bits.bit_count()))
+        self.window = BlockExchange(reg.block_registers(self._bits.bit_count()))
         self._where = where
         self._run = run
         self._n_samples = settings.n_samples
@@ -280,7 +269,7 @@ class BlockReader:
         return ScanBlock(self._next_index, 0, values, saturated, False, tripped, 0, read_s)
 
     def _error(self, what: str) -> DeviceError:
-        entry = register("block_seq")
+        entry = reg.register("block_seq")
         return DeviceError(
             what,
             where=f"{self._where}, register {entry.name} (0x{entry.address:04X})",

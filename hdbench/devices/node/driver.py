@@ -5,6 +5,8 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,23 +21,19 @@ from hdbench.devices.daq import (
     WatchdogInfo,
     WatchdogState,
 )
-from hdbench.devices.node.access import NodeAccess, parameter_values
+from hdbench.devices.driver import Driver, later
+from hdbench.devices.guard.order import Check, Look, Target, target_at
+from hdbench.devices.node import registers as reg
+from hdbench.devices.node.access import NodeAccess, node_probe, parameter_values, span
 from hdbench.devices.node.blocks import BlockReader
-from hdbench.devices.node.registers import (
-    CHANNELS,
-    PARAMETERS,
-    Command,
-    Flag,
-    State,
-    block_registers,
-    block_scans,
-)
 from hdbench.devices.registers import Value, decode_group
-from hdbench.devices.safestate import Seen, reach_safe_state
-from hdbench.devices.wire import FrameError
-from hdbench.devices.wire.address import Address
-from hdbench.errors import DeviceError
+from hdbench.devices.safestate import STANDSTILL_RAD_S, Seen, reach_safe_state
+from hdbench.devices.wire.address import Address, SerialSettings, parse_address, serial_settings
+from hdbench.devices.wire.link import FrameError, connect, read_registers, write_register
+from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
 from hdbench.model.waves import ReferenceProgram
+from hdbench.profile.acquiring import NodeAcquisition
+from hdbench.profile.schema import ProfileData
 
 # characters around the registers of an FC23 exchange on a serial line: request with two registers
 # written; unit, function, byte count and checksum of the reply
@@ -51,7 +49,7 @@ def exchange_rate_hz(address: Address, n_channels: int) -> float:
     """Return the sustained rate of block exchanges, Hz."""
     if address.scheme != "rtu":
         return 1.0 / _NETWORK_EXCHANGE_S
-    received = REPLY_CHARACTERS + 2 * block_registers(n_channels)
+    received = REPLY_CHARACTERS + 2 * reg.block_registers(n_channels)
     return _SUSTAINED / address.serial.exchange_s(REQUEST_CHARACTERS, received)
 
 
@@ -61,13 +59,13 @@ def capabilities_of(
     """Return the capabilities of a node."""
     fastest_hz = 1e9 / float(limits["min_period_ns"])
     rates = tuple(
-        min(fastest_hz, exchanges_hz(n) * block_scans(n)) for n in range(1, len(CHANNELS) + 1)
+        min(fastest_hz, exchanges_hz(n) * reg.block_scans(n))
+        for n in range(1, len(reg.CHANNELS) + 1)
     )
     return Capabilities(
-        inputs=tuple(_input(role, limits) for role in CHANNELS),
+        inputs=tuple(_input(role, limits) for role in reg.CHANNELS),
         max_rates_hz=rates,
         min_rate_hz=1e9 / float(limits["max_period_ns"]),
-        outputs=(),
         generator=True,
         enable=True,
         watchdog=WatchdogInfo(
@@ -91,6 +89,7 @@ def _input(role: Role, limits: Mapping[str, Value]) -> InputInfo:
     return InputInfo(role, -float(limits[key]), top * float(limits[key]), bits=bits)
 
 
+@dataclass(eq=False)
 class NodeDaq:
     """Driver of one node; implements `hdbench.devices.daq.Daq`.
 
@@ -106,20 +105,14 @@ class NodeDaq:
         Monotonic clock in s, and waiting.
     """
 
-    def __init__(
-        self,
-        node: NodeAccess,
-        *,
-        exchanges_hz: Callable[[int], float],
-        tacho_rad_s_per_v: float,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        self._node = node
-        self._exchanges_hz = exchanges_hz
-        self._tacho_rad_s_per_v = tacho_rad_s_per_v
-        self._clock = clock
-        self._sleep = sleep
+    node: NodeAccess
+    _: KW_ONLY
+    exchanges_hz: Callable[[int], float]
+    tacho_rad_s_per_v: float
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+
+    def __post_init__(self) -> None:
         self._reader: BlockReader | None = None
         self._settings: DaqSettings | None = None
         self._next_poll_s = 0.0
@@ -127,33 +120,33 @@ class NodeDaq:
     @property
     def repeats(self) -> int:
         """Requests that were sent again so far."""
-        return self._node.repeats
+        return self.node.repeats
 
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
-        return self._node.identity()
+        return self.node.identity()
 
     def limits(self) -> dict[str, Value]:
         """Return the node's own limits and scales, by register name."""
-        return self._node.limits()
+        return self.node.limits()
 
     def capabilities(self) -> Capabilities:
         """Return what the node can do over this wire."""
         simulated = self.identity().simulated
-        return capabilities_of(self.limits(), self._exchanges_hz, simulated=simulated)
+        return capabilities_of(self.limits(), self.exchanges_hz, simulated=simulated)
 
     def claim(self) -> None:
         """Become the one host that may write."""
         self.identity()
-        self._node.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
+        self.node.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
 
     def configure(self, settings: DaqSettings) -> float:
         """Write the parameter block with the watchdog time, read it back, return the period, s."""
         self.identity()
         wanted = parameter_values(settings, self.limits())
         if isinstance(settings.reference, ReferenceProgram):
-            self._node.write_program(settings.reference)
-        self._node.write_and_read_back(PARAMETERS, wanted)
+            self.node.write_program(settings.reference)
+        self.node.write_and_read_back(reg.PARAMETERS, wanted)
         self._settings = settings
         self._reader = None
         return 1e-9 * float(wanted["sample_period_ns"])
@@ -161,19 +154,19 @@ class NodeDaq:
     def start(self) -> None:
         """Start sampling and, with a reference, the motion; sent once, then read back."""
         if self._settings is None:
-            raise self._node.error("no acquisition is configured", "command", "configure it first")
+            raise self.node.error("no acquisition is configured", "command", "configure it first")
         before = self.status()
         try:
-            self._node.command(Command.START)
+            self.node.command(reg.Command.START)
         except DeviceError as error:
             if not isinstance(error.__cause__, FrameError):
                 raise
             # no answer: whether it was carried out stands in the counter of starts
         after = self.status()
         if after["starts"] == before["starts"]:
-            raise self._node.error("the node did not start", "command", "configure it again")
+            raise self.node.error("the node did not start", "command", "configure it again")
         self._reader = BlockReader(
-            self.limits(), self._settings, run=int(after["starts"]), where=self._node.where
+            self.limits(), self._settings, run=int(after["starts"]), where=self.node.where
         )
         self._next_poll_s = 0.0
 
@@ -187,33 +180,33 @@ class NodeDaq:
         """
         reader = self._reader
         if reader is None:
-            raise self._node.error("no acquisition has been started", "block_seq", "start it first")
-        wait_s = self._next_poll_s - self._clock()
+            raise self.node.error("no acquisition has been started", "block_seq", "start it first")
+        wait_s = self._next_poll_s - self.clock()
         if wait_s > 0.0:
-            self._sleep(wait_s)
-        asked_s = self._clock()
-        raw = self._node.exchange(reader.window, reader.ack)
-        block = reader.take(raw, (asked_s, self._clock()))
+            self.sleep(wait_s)
+        asked_s = self.clock()
+        raw = self.node.exchange(reader.window, reader.ack)
+        block = reader.take(raw, (asked_s, self.clock()))
         if reader.ended_early:
-            raise self._node.error(
+            raise self.node.error(
                 "the acquisition ended before its samples were taken",
                 "block_seq",
                 "something else stopped the node; run again",
             )
         if not block:
-            self._next_poll_s = self._clock() + self._poll_period_s()
+            self._next_poll_s = self.clock() + self._poll_period_s()
         return block
 
     def stop(self) -> None:
         """Stop the acquisition normally; samples already taken can still be read."""
         try:
-            self._node.command(Command.STOP)
+            self.node.command(reg.Command.STOP)
         except DeviceError:
             # stopping twice does no harm, starting twice would: only this command is repeated
-            self._node.command(Command.STOP)
+            self.node.command(reg.Command.STOP)
         status = self.status()
-        if status["state"] == State.RUNNING:
-            raise self._node.error(
+        if status["state"] == reg.State.RUNNING:
+            raise self.node.error(
                 "the node still runs after stop", "state", "use the emergency stop"
             )
         if self._reader is not None:
@@ -221,7 +214,7 @@ class NodeDaq:
 
     def write_output(self, name: str, value: float) -> float:
         """Refuse: a node makes its reference itself."""
-        raise self._node.error(
+        raise self.node.error(
             f"a node has no output {name!r} for the host to write",
             "wave",
             "give the reference to its generator",
@@ -230,18 +223,18 @@ class NodeDaq:
     def enable(self, *, on: bool) -> bool:
         """Switch the drive off; on it goes by itself with a start."""
         if on:
-            raise self._node.error(
+            raise self.node.error(
                 "a node enables its drive by itself", "command", "start an acquisition"
             )
-        self._node.make_safe()
-        return bool(int(self.status()["status_flags"]) & Flag.DRIVE_ENABLED)
+        self.node.make_safe()
+        return bool(int(self.status()["status_flags"]) & reg.Flag.DRIVE_ENABLED)
 
     def arm_watchdog(self, time_s: float) -> float:
         """Return the watchdog's time, s; `configure` sets it and a start arms it."""
-        values = decode_group(PARAMETERS, self._node.read(PARAMETERS))
+        values = decode_group(reg.PARAMETERS, self.node.read(reg.PARAMETERS))
         found_s = 1e-3 * float(values["watchdog_ms"])
         if not found_s <= time_s:
-            raise self._node.error(
+            raise self.node.error(
                 f"the watchdog's time is {found_s:g} s; needed: at most {time_s:g} s",
                 "watchdog_ms",
                 "configure the acquisition again",
@@ -250,33 +243,35 @@ class NodeDaq:
 
     def feed_watchdog(self) -> None:
         """Feed it once; `read_block` does so by itself."""
-        self._node.feed()
+        self.node.feed()
 
     def watchdog(self) -> WatchdogState:
         """Return the watchdog's state."""
         state = self.status()["state"]
-        values = decode_group(PARAMETERS, self._node.read(PARAMETERS))
+        values = decode_group(reg.PARAMETERS, self.node.read(reg.PARAMETERS))
         armed_s = 1e-3 * float(values["watchdog_ms"])
-        return WatchdogState(state == State.RUNNING, state == State.TRIPPED, armed_s)
+        return WatchdogState(state == reg.State.RUNNING, state == reg.State.TRIPPED, armed_s)
 
     def clear_watchdog(self) -> None:
         """Clear a latched trip by writing the parameter block as it stands."""
-        if self._settings is None or self.status()["state"] != State.TRIPPED:
+        if self._settings is None or self.status()["state"] != reg.State.TRIPPED:
             return
-        self._node.write_and_read_back(PARAMETERS, parameter_values(self._settings, self.limits()))
+        self.node.write_and_read_back(
+            reg.PARAMETERS, parameter_values(self._settings, self.limits())
+        )
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return reference, V, speed as tacho volts, and encoder count of this moment."""
         status = self.status()
         return {
             "reference": float(status["reference_v"]),
-            "tacho": float(status["velocity_rad_s"]) / self._tacho_rad_s_per_v,
+            "tacho": float(status["velocity_rad_s"]) / self.tacho_rad_s_per_v,
             "encoder": float(status["encoder_count"]),
         }
 
     def status(self) -> dict[str, Value]:
         """Return the status block of this moment, by register name."""
-        return self._node.status()
+        return self.node.status()
 
     def safe_state(self) -> SafeState:
         """Make the bench safe from any state, twice if need be; never raises.
@@ -287,11 +282,11 @@ class NodeDaq:
         two readings. The motor gets 2.5 s to decelerate.
         """
         safe = reach_safe_state(
-            stop=self._node.make_safe,
+            stop=self.node.make_safe,
             look=self._seen,
             zero_v=0.0,
-            clock=self._clock,
-            sleep=self._sleep,
+            clock=self.clock,
+            sleep=self.sleep,
         )
         self._reader = None
         self._settings = None
@@ -299,19 +294,114 @@ class NodeDaq:
 
     def close(self) -> None:
         """Give the session back and close the connection; never raises."""
-        self._node.close()
+        self.node.close()
 
     def _seen(self) -> Seen:
         status = self.status()
         problem = ""
-        if status["state"] == State.RUNNING:
+        if status["state"] == reg.State.RUNNING:
             problem = "the node still runs"
-        elif int(status["status_flags"]) & Flag.DRIVE_ENABLED:
+        elif int(status["status_flags"]) & reg.Flag.DRIVE_ENABLED:
             problem = "the drive is still enabled"
         return Seen(float(status["reference_v"]), float(status["velocity_rad_s"]), problem)
 
     def _poll_period_s(self) -> float:
         settings = self._settings
-        block_s = block_scans(len(settings.roles)) * settings.sample_period_s if settings else 0.0
+        block_s = (
+            reg.block_scans(len(settings.roles)) * settings.sample_period_s if settings else 0.0
+        )
         # a quarter of a block keeps the delay small; 20 ms feed any watchdog often enough
         return float(np.clip(0.25 * block_s, 0.002, 0.02))
+
+
+# rates at which a port is asked for a node, fastest first
+_RATES_BD = (921600, 115200)
+_PROBE_S = 0.3
+
+
+def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
+    """Return the driver of the node in `table`."""
+    address = node_address(table)
+    link = connect(address, unit=table.unit, probe=node_probe, tls=table.tls)
+    return NodeDaq(
+        NodeAccess(link, deadline_s=table.deadline_s),
+        exchanges_hz=partial(exchange_rate_hz, address),
+        tacho_rad_s_per_v=profile.tacho.gain_rad_s_per_v,
+    )
+
+
+def node_address(table: NodeAcquisition) -> Address:
+    """Return the parsed address of a table with its serial settings."""
+    serial = serial_settings(table.serial) if table.serial else SerialSettings()
+    address = parse_address(table.address, serial)
+    if address.scheme not in ("tcp", "tls", "rtu"):
+        raise UsageError(
+            f"{table.address[:80]!r}: a node is reached by tcp://HOST:PORT, tls:// or rtu://",
+            where="address",
+            fix="for example tcp://192.168.0.7:502",
+        )
+    return address
+
+
+def node_rate_hz(table: NodeAcquisition) -> float:
+    """Return the highest scan rate that the wire of `table` sustains, Hz; inf where embedded."""
+    if table.address == "embedded":
+        return float("inf")
+    n_channels = len(table.channels)
+    return exchange_rate_hz(node_address(table), n_channels) * reg.block_scans(n_channels)
+
+
+def probe(path: str) -> str:
+    """Ask a port for the identity of a node, at the usual rates."""
+    last: HdbenchError | None = None
+    for rate_bd in _RATES_BD:
+        link = connect(parse_address(f"rtu://{path}?baud={rate_bd}"), probe=node_probe)
+        wire = NodeAccess(link, deadline_s=_PROBE_S)
+        try:
+            values = decode_group(reg.IDENTITY, wire.read(reg.IDENTITY))
+        except BusyError:
+            raise
+        except HdbenchError as error:
+            last = error
+            continue
+        finally:
+            wire.close()
+        if values["word_order"] == reg.WORD_ORDER_TEST:
+            who = " ".join(str(values[key]) for key in ("vendor", "model", "serial"))
+            return f"bench controller node: {who} (rtu://{path}?baud={rate_bd})"
+    if last is not None:
+        raise last
+    return ""
+
+
+def stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
+    """Return how a node stops the motor."""
+    first = reg.STATUS[0].address
+
+    def at(name: str) -> int:
+        return 2 + 2 * (reg.register(name).address - first)
+
+    count = sum(entry.size for entry in reg.STATUS)
+    active = reg.Flag.RUNNING | reg.Flag.DRIVE_ENABLED
+    checks = (
+        Check("motor reference, V", at("reference_v"), ">f", 0.0, 0.0),
+        Check(
+            "motor speed, rad/s", at("velocity_rad_s"), ">f", -STANDSTILL_RAD_S, STANDSTILL_RAD_S
+        ),
+        Check("running or enabled, flags", at("status_flags"), ">H", 0, 0, mask=int(active)),
+    )
+    return Target(
+        target_at(node_address(table), table.unit, table.tls),
+        acts=(write_register(reg.register("command").address, reg.Command.SAFE),),
+        looks=(Look(read_registers(first, count), checks),),
+        identity=(Look(read_registers(*span(reg.IDENTITY))),),
+    )
+
+
+DRIVER = Driver(
+    open=open_node,
+    rate_hz=node_rate_hz,
+    stop_target=stop_target,
+    emulate=later("hdbench.devices.emulator.node:emulate_node"),
+    probe=probe,
+)

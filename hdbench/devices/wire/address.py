@@ -43,22 +43,9 @@ _GAP_CHARACTERS = 3.5
 
 
 def numbered(address: str) -> str:
-    """Return an address with the host's number in place of its name.
+    """Return an address with the host's number in place of its name, if it names a host.
 
-    Parameters
-    ----------
-    address : str
-        Any address of a device.
-
-    Returns
-    -------
-    str
-        As it is where it names no host; of several numbers the first that takes a connection.
-
-    Raises
-    ------
-    DeviceError
-        If nobody knows the name, or the name servers do not answer in 6 s.
+    Of several numbers it is the first that takes a connection.
     """
     found = NETWORK.fullmatch(address)
     port = "" if found is None else found["port"] or str(_PORT)
@@ -74,23 +61,7 @@ def dial(
 ) -> socket.socket:
     """Return a connection to a host that is given by its number: no name server is waited for.
 
-    Parameters
-    ----------
-    target : tuple of str and int
-        Number of the host, and port.
-    timeout_s : float
-        Longest time, s.
-    kind : SocketKind, optional
-        A stream, or datagrams to and from this host alone.
-
-    Returns
-    -------
-    socket.socket
-
-    Raises
-    ------
-    OSError
-        If there is none, or the host is a name.
+    It is a stream, or of datagrams to and from this host alone.
     """
     found = socket.getaddrinfo(*target, type=kind, flags=socket.AI_NUMERICHOST)
     family, _, _, _, place = found[0]
@@ -98,6 +69,9 @@ def dial(
     try:
         connection.settimeout(timeout_s)
         connection.connect(place)
+        if kind == socket.SOCK_STREAM:
+            # a request is sent at once
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     except OSError:
         connection.close()
         raise
@@ -251,25 +225,10 @@ def parse_address(
 ) -> Address:
     """Return the parts of an address.
 
-    Parameters
-    ----------
-    address : str
-        ``tcp://``, ``tls://``, ``udp://`` or ``rtu+tcp://HOST:PORT`` (IPv6 in brackets), or
-        ``rtu://`` or ``ascii:///dev/NAME[?KEY=VALUE&...]`` (on Windows ``rtu://COM3``) with the
-        keys ``baud``, ``parity`` (``none``, ``even``, ``odd``), ``stop``, ``bits`` and ``gap_us``.
-    serial : SerialSettings, optional
-        What holds where the address does not say.
-    default_port : int, optional
-        Port where the address names none; left out, it must name one.
-
-    Returns
-    -------
-    Address
-
-    Raises
-    ------
-    UsageError
-        If `address` has another form or a value is out of range.
+    It is ``tcp://``, ``tls://``, ``udp://`` or ``rtu+tcp://HOST:PORT`` (IPv6 in brackets), or
+    ``rtu://`` or ``ascii:///dev/NAME[?KEY=VALUE&...]`` (on Windows ``rtu://COM3``) with the keys
+    ``baud``, ``parity`` (``none``, ``even``, ``odd``), ``stop``, ``bits`` and ``gap_us``. `serial`
+    and `default_port` hold where the address does not say; without the latter it must.
     """
     scheme, _, rest = address.partition("://")
     if scheme in _LINES:

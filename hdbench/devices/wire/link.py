@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -90,198 +89,66 @@ class ReplyForm:
             raise FrameError("bits beyond those asked for are not zero")
 
 
-def registers_check(function: int, count: int) -> ReplyForm:
-    """Return the form of a reply with exactly `count` registers.
-
-    Parameters
-    ----------
-    function : int
-        Function code of the request: 3, 4 or 23.
-    count : int
-        Registers asked for, 1 to 125.
-
-    Returns
-    -------
-    ReplyForm
-    """
-    return ReplyForm(bytes((function, 2 * count)), 2 + 2 * count)
-
-
-def bits_check(function: int, count: int) -> ReplyForm:
-    """Return the form of a reply with exactly `count` bits, the unused ones zero.
-
-    Parameters
-    ----------
-    function : int
-        Function code of the request: 1 or 2.
-    count : int
-        Bits asked for, 1 to 2000.
-
-    Returns
-    -------
-    ReplyForm
-    """
-    n_bytes = (count + 7) // 8
-    return ReplyForm(bytes((function, n_bytes)), 2 + n_bytes, -count % 8)
-
-
-def echo_check(function: int, address: int, second: int) -> ReplyForm:
-    """Return the form of a reply that repeats a write.
-
-    Parameters
-    ----------
-    function : int
-        Function code of the request: 5, 6, 15 or 16.
-    address : int
-        First register or coil.
-    second : int
-        The value (FC5, FC6) or the number of registers or coils (FC15, FC16).
-
-    Returns
-    -------
-    ReplyForm
-    """
-    return ReplyForm(struct.pack(">BHH", function, address, second), 5)
-
-
 Request = tuple[bytes, ReplyForm]
 """Function code and data, and the form of the reply."""
 
 
-def _bound(name: str, value: int, high: int) -> None:
-    if not 1 <= value <= high:
-        raise ValueError(f"{name} {value}; needed: 1 to {high}")
+def registers_check(function: int, count: int) -> ReplyForm:
+    """Return the form of a reply with exactly `count` registers, 1 to 125 (functions 3, 4, 23)."""
+    return ReplyForm(bytes((function, 2 * count)), 2 + 2 * count)
 
 
 def read_registers(address: int, count: int, *, function: int = 3) -> Request:
-    """Return a read of holding (function 3) or input registers (function 4).
-
-    Parameters
-    ----------
-    address : int
-        First register, from 0.
-    count : int
-        Registers, 1 to 125.
-    function : int
-        3 or 4.
-
-    Returns
-    -------
-    tuple of bytes and callable
-        Function code and data; the check of the reply, whose data begin at byte 2.
-
-    Raises
-    ------
-    ValueError
-        If `count` is outside its range.
-    """
+    """Return a read of holding (function 3) or input registers (function 4), 1 to 125."""
     _bound("count", count, _MAX_READ)
     return struct.pack(">BHH", function, address, count), registers_check(function, count)
 
 
 def read_bits(address: int, count: int, *, function: int = 1) -> Request:
-    """Return a read of coils (function 1) or discrete inputs (function 2), 1 to 2000.
-
-    Parameters
-    ----------
-    address : int
-        First bit, from 0.
-    count : int
-        Bits, 1 to 2000.
-    function : int
-        1 or 2.
-
-    Returns
-    -------
-    tuple of bytes and callable
-        Function code and data; the check of the reply.
-    """
+    """Return a read of coils (function 1) or discrete inputs (function 2), 1 to 2000."""
     _bound("count", count, _MAX_BITS)
-    return struct.pack(">BHH", function, address, count), bits_check(function, count)
+    n_bytes = (count + 7) // 8
+    form = ReplyForm(bytes((function, n_bytes)), 2 + n_bytes, spare_bits=-count % 8)
+    return struct.pack(">BHH", function, address, count), form
 
 
 def write_register(address: int, value: int) -> Request:
-    """Return a write of one register, 0 to 65535 (function 6).
-
-    Parameters
-    ----------
-    address : int
-        Register, from 0.
-    value : int
-        0 to 65535.
-
-    Returns
-    -------
-    tuple of bytes and callable
-        Function code and data; the check of the reply.
-    """
-    return struct.pack(">BHH", 6, address, value), echo_check(6, address, value)
+    """Return a write of one register, 0 to 65535 (function 6)."""
+    return _echoed(struct.pack(">BHH", 6, address, value))
 
 
 def write_bit(address: int, *, on: bool) -> Request:
-    """Return a write of one coil (function 5).
-
-    Parameters
-    ----------
-    address : int
-        Coil, from 0.
-    on : bool
-        Its state.
-
-    Returns
-    -------
-    tuple of bytes and callable
-        Function code and data; the check of the reply.
-    """
-    value = 0xFF00 if on else 0
-    return struct.pack(">BHH", 5, address, value), echo_check(5, address, value)
+    """Return a write of one coil (function 5)."""
+    return _echoed(struct.pack(">BHH", 5, address, 0xFF00 if on else 0))
 
 
 def write_registers(address: int, values: bytes) -> Request:
-    """Return a write of 1 to 123 registers, two bytes each (function 16).
-
-    Parameters
-    ----------
-    address : int
-        First register, from 0.
-    values : bytes
-        Two bytes for each register.
-
-    Returns
-    -------
-    tuple of bytes and callable
-        Function code and data; the check of the reply.
-    """
+    """Return a write of 1 to 123 registers, two bytes each (function 16)."""
     count = len(values) // 2
     _bound("registers", count, _MAX_WRITE)
-    head = struct.pack(">BHHB", 16, address, count, len(values))
-    return head + values, echo_check(16, address, count)
+    return _echoed(struct.pack(">BHHB", 16, address, count, len(values)) + values)
 
 
 def exchange_registers(address: int, count: int, target: int, values: bytes) -> Request:
     """Return a write of `values` at `target`, then a read of `count` registers (function 23).
 
-    Parameters
-    ----------
-    address : int
-        First register to read, from 0.
-    count : int
-        Registers to read, 1 to 125.
-    target : int
-        First register to write, from 0.
-    values : bytes
-        Two bytes for each register, 1 to 121 registers.
-
-    Returns
-    -------
-    tuple of bytes and callable
-        Function code and data; the check of the reply.
+    1 to 125 registers are read, 1 to 121 written.
     """
     _bound("count", count, _MAX_READ)
     n_written = len(values) // 2
     _bound("registers", n_written, _MAX_EXCHANGE_WRITE)
     head = struct.pack(">BHHHHB", 23, address, count, target, n_written, len(values))
     return head + values, registers_check(23, count)
+
+
+def _echoed(pdu: bytes) -> Request:
+    """Return a write, whose reply repeats address and value, or address and number of registers."""
+    return pdu, ReplyForm(pdu[:5], 5)
+
+
+def _bound(name: str, value: int, high: int) -> None:
+    if not 1 <= value <= high:
+        raise ValueError(f"{name} {value}; needed: 1 to {high}")
 
 
 Probe = Callable[[int], tuple[bytes, ReplyCheck]]
@@ -344,48 +211,19 @@ def connect(
     probe: Probe | None = None,
     tls: Certificates | None = None,
     claim: Claim = "hold",
-    clock: Callable[[], float] = time.monotonic,
 ) -> Link:
     """Return a link to the device at `address`; nothing is opened or sent yet.
 
     TCP, TLS and RTU need nothing but the standard library and pyserial; the others are pymodbus'.
-
-    Parameters
-    ----------
-    address : Address
-        As `parse_address` gives it.
-    unit : int
-        Modbus unit identifier.
-    probe : callable, optional
-        The who-are-you read of a serial line.
-    tls : Certificates, optional
-        Certificates for ``tls://``.
-    claim : {"hold", "ask", "share"}, optional
-        As `hdbench.system.lines.open_port` takes it.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Returns
-    -------
-    Link
-
-    Raises
-    ------
-    UsageError
-        If certificates are missing, or cannot be used.
     """
     if address.scheme in ("udp", "rtu+tcp", "ascii"):
         from hdbench.devices.modbus.links import polled_link
 
-        return polled_link(address, unit=unit, probe=probe, claim=claim, clock=clock)
+        return polled_link(address, unit=unit, probe=probe, claim=claim)
     if address.scheme == "rtu":
         from hdbench.devices.wire.rtu import RtuLink
 
-        return RtuLink(address, unit, probe, clock, claim)
-    from hdbench.devices.wire.tcp import TcpLink
+        return RtuLink(address, unit, probe, claim)
+    from hdbench.devices.wire.tcp import TcpLink, security_of
 
-    if address.scheme == "tls":
-        from hdbench.devices.wire.tcp import client_security
-
-        return TcpLink(address, unit, clock, client_security(address, tls))
-    return TcpLink(address, unit, clock)
+    return TcpLink(address, unit, security_of(address, tls))

@@ -9,7 +9,7 @@ from array import array
 from collections.abc import Callable
 
 from hdbench.devices.wire.address import Address
-from hdbench.devices.wire.link import ExceptionReply, FrameError, ReplyCheck, StaleReply
+from hdbench.devices.wire.link import ExceptionReply, FrameError, Probe, ReplyCheck, StaleReply
 from hdbench.system.lines import (
     FAST_BD,
     Claim,
@@ -91,21 +91,6 @@ def reply_size(data: bytes) -> int | None:
 class RtuLink:
     """Implements `hdbench.devices.wire.link.Link` on a serial port.
 
-    Parameters
-    ----------
-    address : Address
-        Port and its settings.
-    unit : int
-        Modbus unit identifier.
-    probe : callable or None
-        The who-are-you read that proves, after a fault, that request and reply belong together.
-    clock : callable
-        Monotonic clock, s.
-    claim : {"hold", "ask", "share"}
-        As `hdbench.system.lines.open_port` takes it.
-
-    Notes
-    -----
     The line has no transaction numbers: a reply that comes late looks like the answer to the next
     request. So after any fault the line must have been quiet for 50 ms, what came is thrown away,
     and the probe's reply - of a length that nothing else has - must come before anything else.
@@ -114,12 +99,7 @@ class RtuLink:
     _line = "serial port"
 
     def __init__(
-        self,
-        address: Address,
-        unit: int,
-        probe: Callable[[int], tuple[bytes, ReplyCheck]] | None = None,
-        clock: Callable[[], float] = time.monotonic,
-        claim: Claim = "hold",
+        self, address: Address, unit: int, probe: Probe | None = None, claim: Claim = "hold"
     ) -> None:
         self._claim: Claim = claim
         self.where = str(address)
@@ -128,7 +108,6 @@ class RtuLink:
         self._silence_s = address.serial.silence_s
         self._unit = bytes((unit,))
         self._probe = probe
-        self._clock = clock
         self._io: PortIo | None = None
         self._awake: int | None = None
         self._received = b""
@@ -182,22 +161,22 @@ class RtuLink:
             frame = frame[io.write(frame) :]
             if not frame:
                 return
-            left_s = until_s - self._clock()
+            left_s = until_s - time.monotonic()
             if not left_s > 0.0 or not io.writable(left_s):
                 raise FrameError("the serial port takes no characters")
 
     def _be_silent(self, io: PortIo, until_s: float) -> None:
         """Wait for the silence between frames; characters that come begin it anew."""
         self._received = b""
-        while (wait_s := self._silent_from_s + self._silence_s - self._clock()) > 0.0 or (
+        while (wait_s := self._silent_from_s + self._silence_s - time.monotonic()) > 0.0 or (
             io.readable(0.0)
         ):
-            left_s = until_s - self._clock()
+            left_s = until_s - time.monotonic()
             if not left_s > 0.0:
                 raise FrameError("the line is never silent")
             # a sleep this short lasts three times as long as asked for
             if io.readable(min(wait_s - _SHORT_S, left_s)) and (self._take(io)):
-                self._silent_from_s = self._clock()
+                self._silent_from_s = time.monotonic()
 
     def _reply(self, io: PortIo, until_s: float) -> bytes:
         """Return function code and data of the next frame; its checksum is made as it comes."""
@@ -213,7 +192,7 @@ class RtuLink:
                 if len(data) >= size:
                     break
             piece = self._piece(io, until_s)
-        self._silent_from_s = self._clock()
+        self._silent_from_s = time.monotonic()
         self._received = data[size:]
         if remainder:
             raise FrameError("the checksum of the reply is wrong")
@@ -224,11 +203,11 @@ class RtuLink:
     def _piece(self, io: PortIo, until_s: float) -> bytes:
         """Return what has come of a reply, once something has."""
         while True:
-            ready = io.readable(until_s - self._clock())
+            ready = io.readable(until_s - time.monotonic())
             piece = self._take(io) if ready else b""
             if piece:
                 return piece
-            if not self._clock() < until_s:
+            if not time.monotonic() < until_s:
                 other = "; another program reads from this port" if self._robbed else ""
                 raise FrameError(f"no valid reply in time{other}")
 
@@ -236,9 +215,11 @@ class RtuLink:
         """Wait for a quiet line, drop what came, and let the device say who it is."""
         fault = FrameError("the line did not become quiet in time")
         while True:
-            while self._clock() < until_s and io.readable(min(_QUIET_S, until_s - self._clock())):
+            while (left_s := until_s - time.monotonic()) > 0.0 and (
+                io.readable(min(_QUIET_S, left_s))
+            ):
                 self._take(io)
-            if not self._clock() < until_s:
+            if not time.monotonic() < until_s:
                 raise fault
             if self._probe is None:
                 break

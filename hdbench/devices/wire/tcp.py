@@ -36,16 +36,18 @@ class Certificates(Protocol):
     def server_name(self) -> str | None: ...  # noqa: D102
 
 
-def client_security(
-    address: Address, files: Certificates | None
-) -> Callable[[socket.socket], ssl.SSLSocket]:
-    """Return what wraps a connection to `address` in mutual TLS.
+Secure = Callable[[socket.socket], ssl.SSLSocket]
+"""Wraps a fresh connection in TLS."""
 
-    Notes
-    -----
+
+def security_of(address: Address, files: Certificates | None) -> Secure | None:
+    """Return what wraps a connection to `address` in mutual TLS; None where it is no TLS.
+
     TLS 1.2 or newer, both certificates checked, as "MODBUS/TCP Security Protocol Specification"
     v36 (2021) asks. There is no way to switch the check off.
     """
+    if address.scheme != "tls":
+        return None
     if files is None:
         raise UsageError(
             f"tls://{address.host} needs certificates; found none",
@@ -55,23 +57,18 @@ def client_security(
     _check_key(Path(files.key))
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
+    name = "authority"
     try:
         context.load_verify_locations(files.authority)
-    except (OSError, ValueError) as error:
-        raise _unusable("authority", error) from error
-    try:
+        name = "certificate"
         context.load_cert_chain(files.certificate, files.key)
     except (OSError, ValueError) as error:
-        raise _unusable("certificate", error) from error
+        raise UsageError(
+            f"the {name} cannot be used ({error})",
+            where=f"key daq.tls.{name}",
+            fix="give the path of a PEM file that this user can read",
+        ) from error
     return partial(context.wrap_socket, server_hostname=files.server_name or address.host)
-
-
-def _unusable(name: str, error: Exception) -> UsageError:
-    return UsageError(
-        f"the {name} cannot be used ({error})",
-        where=f"key daq.tls.{name}",
-        fix="give the path of a PEM file that this user can read",
-    )
 
 
 def _check_key(path: Path) -> None:
@@ -108,38 +105,29 @@ def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes
     return None, data
 
 
+def left_to_connect_s(until_s: float) -> float:
+    """Return the time left until a moment, s; raises `FrameError` where there is none."""
+    left_s = until_s - time.monotonic()
+    if not left_s > 0.0:
+        raise FrameError("no time left to connect")
+    return left_s
+
+
 class TcpLink:
     """Implements `hdbench.devices.wire.link.Link` on a TCP connection.
 
-    Parameters
-    ----------
-    address : Address
-        Number of the host, as `numbered` gives it, and port.
-    unit : int
-        Modbus unit identifier.
-    clock : callable
-        Monotonic clock, s.
-    secure : callable, optional
-        Wraps a fresh connection in TLS.
-
-    Notes
-    -----
-    Transaction numbers go on across connections, and after any fault the connection is closed: no
-    late reply can be taken for a later one.
+    The address has the host's number, as `numbered` gives it. Transaction numbers go on across
+    connections, and after any fault the connection is closed: no late reply can be taken for a
+    later one.
     """
 
-    def __init__(
-        self,
-        address: Address,
-        unit: int,
-        clock: Callable[[], float] = time.monotonic,
-        secure: Callable[[socket.socket], ssl.SSLSocket] | None = None,
-    ) -> None:
+    _kind = socket.SOCK_STREAM
+
+    def __init__(self, address: Address, unit: int, secure: Secure | None = None) -> None:
         self.where = str(address)
         self.opened: Callable[[float], None] | None = None
         self._target = (address.host, address.port)
         self._unit = unit
-        self._clock = clock
         self._secure = secure
         self._socket: TimedSocket | None = None
         self._number = 0
@@ -179,39 +167,20 @@ class TcpLink:
                 continue
             return reply
 
-    def _dial(self, left_s: float) -> socket.socket:
-        connection = dial(self._target, left_s)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return connection
-
     def _connected(self, until_s: float) -> TimedSocket:
-        left_s = until_s - self._clock()
-        if not left_s > 0.0:
-            raise FrameError("no time left to connect")
-        connection = self._dial(left_s)
+        connection = dial(self._target, left_to_connect_s(until_s), self._kind)
         if self._secure is not None:
-            connection = self._secured(connection, self._secure, until_s)
-        timed = TimedSocket(connection, self._clock)
+            try:
+                connection.settimeout(left_to_connect_s(until_s))
+                connection = self._secure(connection)
+            except (OSError, FrameError):
+                connection.close()
+                raise
+        timed = TimedSocket(connection)
         self._socket, self._received = timed, b""
         if self.opened is not None:
             self.opened(until_s)
         return timed
-
-    def _secured(
-        self,
-        connection: socket.socket,
-        secure: Callable[[socket.socket], ssl.SSLSocket],
-        until_s: float,
-    ) -> socket.socket:
-        try:
-            left_s = until_s - self._clock()
-            if not left_s > 0.0:
-                raise TimeoutError
-            connection.settimeout(left_s)
-            return secure(connection)
-        except OSError:
-            connection.close()
-            raise
 
     def _reply(self, connection: TimedSocket, number: int, until_s: float) -> bytes:
         """Return the next PDU of this transaction."""
@@ -229,7 +198,7 @@ class TcpLink:
         return chunk
 
     def _describe(self, error: OSError, until_s: float) -> str:
-        if isinstance(error, TimeoutError) or not self._clock() < until_s:
+        if isinstance(error, TimeoutError) or not time.monotonic() < until_s:
             return "no valid reply in time"
         if isinstance(error, ssl.SSLError):
             return f"no secure connection ({error.reason or error})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NoReturn
 
 import numpy as np
@@ -18,15 +18,19 @@ from hdbench.devices.daq import (
     ScanBlock,
     clean_text,
 )
-from hdbench.drivers.dataq.models import (
+from hdbench.drivers.dataq.port import Commands, Port, port_path
+from hdbench.drivers.dataq.scans import (
     MODELS,
+    WRAP,
+    Acquisition,
+    ScanPlan,
+    StreamFault,
     choose_rate,
     highest_rate_hz,
     lowest_rate_hz,
     packet_code,
+    plan_scan,
 )
-from hdbench.drivers.dataq.port import Commands, Port, port_path
-from hdbench.drivers.dataq.scans import WRAP, Acquisition, ScanPlan, StreamFault, plan_scan
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
 from hdbench.errors import DeviceError, HdbenchError
 from hdbench.profile.schema import ProfileData
@@ -97,10 +101,6 @@ def describe_abilities(table: DataqAcquisition, *, simulated: bool) -> Capabilit
         inputs=tuple(_input(channel, model.bits) for channel in table.channels),
         max_rates_hz=max_rates_hz(table),
         min_rate_hz=lowest_rate_hz(model, entries),
-        outputs=(),
-        generator=False,
-        enable=False,
-        watchdog=None,
         simulated=simulated,
     )
 
@@ -136,16 +136,9 @@ class DataqDaq(InputsOnly):
     or measures a bench that stands.
     """
 
-    def __init__(
-        self,
-        commands: Commands,
-        table: DataqAcquisition,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, commands: Commands, table: DataqAcquisition) -> None:
         self._commands = commands
         self._table = table
-        self._clock = clock
         self._identity: Identity | None = None
         self._acquisition: Acquisition | None = None
         self._quiet = False
@@ -258,7 +251,7 @@ class DataqDaq(InputsOnly):
         for line in lines:
             self._commands.set(line)
         packet_s = (16 << code) / plan.scan_bytes * rate.period_s
-        return Acquisition(plan, rate.period_s, packet_s, n_samples, self._clock, encoder=encoder)
+        return Acquisition(plan, rate.period_s, packet_s, n_samples, encoder=encoder)
 
     def _encoder(self, roles: tuple[Role, ...]) -> tuple[int, int] | None:
         """Return counts per edge and the tacho's channel, where an encoder is sampled."""
@@ -279,9 +272,9 @@ class DataqDaq(InputsOnly):
 
     def _mean_of(self, look: Acquisition, roles: tuple[Role, ...]) -> dict[Role, float]:
         """Return the mean of the stream's scans; empty where too few came in time."""
-        until_s = self._clock() + _LOOK_S
+        until_s = time.monotonic() + _LOOK_S
         values = []
-        while not look.complete and self._clock() < until_s:
+        while not look.complete and time.monotonic() < until_s:
             try:
                 block = look.next_block(self._commands.port)
             except StreamFault as fault:

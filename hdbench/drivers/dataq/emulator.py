@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from hdbench.devices.emulator.instrument import (
 )
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.dataq.driver import EMULATOR_NAME
-from hdbench.drivers.dataq.models import BUFFER_SAMPLES, MODELS, Model
+from hdbench.drivers.dataq.scans import BUFFER_SAMPLES, MODELS, Model
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.records.trace import FloatArray
 from hdbench.system.lines import PseudoTerminal
@@ -75,25 +75,18 @@ _NUMBERS = {"ps": 0, "encode": 0, "eol": 0, "srate": 375, "dec": 1, "deca": 1, "
 _SILENT = ("endo", "dout", "reset", "filter")
 
 
+@dataclass(eq=False)
 class DataqDevice:
     """One instrument."""
 
-    def __init__(
-        self,
-        instrument: SimulatedInstrument,
-        model: Model,
-        wiring: Mapping[int, Terminal],
-        serial: str,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.instrument = instrument
-        self.model = model
-        self.serial = serial
+    instrument: SimulatedInstrument
+    model: Model
+    wiring: Mapping[int, Terminal]
+    serial: str
+
+    def __post_init__(self) -> None:
         self.lines = OPEN_LINES
         self.buffer_samples = BUFFER_SAMPLES
-        self._wiring = wiring
-        self._clock = clock
         self._numbers = dict(_NUMBERS)
         self._entries: dict[int, int] = {}
         self.scanning = self._average = False
@@ -198,7 +191,7 @@ class DataqDevice:
             _averaged(samples, averaged),
             entries,
             self.model,
-            self._wiring,
+            self.wiring,
             self.lines,
             edges[averaged - 1 :: averaged],
         )

@@ -41,10 +41,9 @@ def port_path(address: str) -> str:
 class Port:
     """Bytes to and from one serial port; opened when needed."""
 
-    def __init__(self, path: str, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, path: str) -> None:
         self.where = f"serial://{path}"
         self._path = path
-        self._clock = clock
         self._io: PortIo | None = None
         self._thread: threading.Thread | None = None
         self._changed = threading.Condition()
@@ -57,7 +56,7 @@ class Port:
         io = self._opened()
         try:
             while data:
-                left_s = until_s - self._clock()
+                left_s = until_s - time.monotonic()
                 if not left_s > 0.0 or not io.writable(left_s):
                     raise self._error("the port takes no characters")
                 data = data[io.write(data) :]
@@ -68,7 +67,7 @@ class Port:
         """Return what has come; waits until something has, or until `until_s`."""
         self._opened()
         with self._changed:
-            left_s = until_s - self._clock()
+            left_s = until_s - time.monotonic()
             if not self._chunks and not self._fault and left_s > 0.0:
                 self._changed.wait(left_s)
             chunks = list(self._chunks)
@@ -119,7 +118,7 @@ class Port:
                 fault = "the instrument was unplugged"
             with self._changed:
                 if data:
-                    self._chunks.append((data, self._clock()))
+                    self._chunks.append((data, time.monotonic()))
                 self._fault = fault
                 if data or fault:
                     self._changed.notify_all()

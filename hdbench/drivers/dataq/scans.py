@@ -2,20 +2,141 @@
 
 from __future__ import annotations
 
+import math
+import time
+import tomllib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib import resources
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.daq import Role, ScanBlock
-from hdbench.devices.streamed import WAIT_S, StreamedAcquisition
-from hdbench.drivers.dataq.models import MODELS, Model
+from hdbench.devices.daq import WAIT_S, Role, ScanBlock, StreamedAcquisition
 from hdbench.drivers.dataq.port import Port
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
-from hdbench.errors import ProfileError
+from hdbench.errors import DeviceError, ProfileError
 from hdbench.records.trace import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One model."""
+
+    number: str
+    ranges: Mapping[float, int]
+    dividend: float = 60e6
+    srate_min: int = 375
+    srate_max: int = 65535
+    dec_max: int = 512
+    deca_max: int = 40000
+    throughput: bool = False
+    bits: int = 16
+    digital: bool = True
+    srate_step: int = 0
+    single_dividend: float = 0.0
+
+    def shortest(self, entries: int) -> int:
+        """Return the smallest srate with a list of so many entries."""
+        return self.srate_min + self.srate_step * (entries - 1)
+
+    def clock_hz(self, entries: int) -> float:
+        """Return the dividend, Hz, for the rate of each of so many entries."""
+        dividend = self.single_dividend if entries == 1 and self.single_dividend else self.dividend
+        return dividend / entries if self.throughput else dividend
+
+
+def _models() -> dict[str, Model]:
+    text = (resources.files(__package__) / "models.toml").read_text(encoding="utf-8")
+    models = {}
+    for name, keys in tomllib.loads(text).items():
+        ranges = dict(keys.pop("ranges", [(10.0, 0)]))
+        models[name] = Model(name.removeprefix("DI-"), ranges, **keys)
+    return models
+
+
+MODELS: Mapping[str, Model] = _models()
+
+
+# times in a trace are counts of the period: 100 ppm are 60 ms in ten minutes
+_TOLERANCE = 1e-4
+# a packet leaves the device only when it is full; data are not to be older than this, s
+_PACKET_S = 0.025
+_LARGEST_CODE = 7
+# the device's buffer holds this many samples; it must bridge this time, s, for a host to follow
+BUFFER_SAMPLES = 1024
+_BUFFER_S = 0.05
+_TRIES = 200
+
+
+@dataclass(frozen=True, slots=True)
+class RateSetting:
+    """What is written."""
+
+    srate: int
+    dec: int
+    deca: int
+    period_s: float
+
+
+def choose_rate(model: Model, entries: int, period_s: float, average: int) -> RateSetting:
+    """Return the numbers for a sampling period."""
+    total = model.clock_hz(entries) * period_s
+    # averaging needs its own dec; else few are enough, where deca goes on from there
+    decs = [average] if average > 1 else list(range(1, model.dec_max + 1))
+    if model.deca_max > 1:
+        decs = decs[:_TRIES]
+    best: RateSetting | None = None
+    for found in _settings(model, entries, total, decs):
+        if best is None or abs(found.period_s - period_s) < abs(best.period_s - period_s):
+            best = found
+        if abs(best.period_s - period_s) < 1e-12 * period_s:
+            break
+    if (
+        average > model.dec_max
+        or best is None
+        or (not abs(best.period_s - period_s) <= _TOLERANCE * period_s)
+    ):
+        low, high = lowest_rate_hz(model, entries), highest_rate_hz(model, entries, average)
+        raise DeviceError(
+            f"a DI-{model.number} with {entries} entries in its scan list and {average} "
+            f"conversions per sample has no period of {period_s:.6g} s",
+            where="key daq.sample_period_s",
+            fix=f"its rates are {model.clock_hz(entries):g} / (srate dec deca) Hz, {low:.3g} to "
+            f"{high:.4g} Hz: choose one of them",
+        )
+    return best
+
+
+def highest_rate_hz(model: Model, entries: int, average: int = 1) -> float:
+    """Return the highest rate at which the device's buffer still bridges 50 ms."""
+    rate = model.clock_hz(entries) / (model.shortest(entries) * average)
+    return min(rate, BUFFER_SAMPLES / (entries * _BUFFER_S))
+
+
+def lowest_rate_hz(model: Model, entries: int) -> float:
+    """Return the lowest rate."""
+    return model.clock_hz(entries) / (model.srate_max * model.dec_max * model.deca_max)
+
+
+def packet_code(entries: int, period_s: float) -> int:
+    """Return n of the packet size 16 * 2**n bytes: the largest that fills within 25 ms."""
+    n_bytes = 2.0 * entries * _PACKET_S / period_s
+    code = math.floor(math.log2(n_bytes / 16.0)) if n_bytes >= 16.0 else 0
+    return min(code, _LARGEST_CODE)
+
+
+def _settings(model: Model, entries: int, total: float, decs: list[int]) -> Iterator[RateSetting]:
+    """Yield numbers whose product is near `total`."""
+    for dec in decs:
+        first = max(1, math.ceil(total / (dec * model.srate_max)))
+        for deca in range(first, min(first + _TRIES, model.deca_max + 1)):
+            srate = round(total / (dec * deca))
+            if model.shortest(entries) <= srate <= model.srate_max:
+                period_s = srate * dec * deca / model.clock_hz(entries)
+                yield RateSetting(srate, dec, deca, period_s)
+
 
 _COUNTER_WRAP = 2**16
 # what the driver gives out, like a 32-bit quadrature counter
@@ -271,11 +392,10 @@ class Acquisition(StreamedAcquisition):
         period_s: float,
         packet_s: float,
         n_samples: int,
-        clock: Callable[[], float],
         *,
         encoder: tuple[int, int] | None = None,
     ) -> None:
-        super().__init__(n_samples, packet_s, clock)
+        super().__init__(n_samples, packet_s)
         self._counter = None if encoder is None else SignedCounter(encoder[0])
         self._tacho = 0 if encoder is None else encoder[1]
         self.period_s = period_s
@@ -301,12 +421,13 @@ class Acquisition(StreamedAcquisition):
 
     def next_block(self, port: Port) -> ScanBlock | None:
         """Return the next scans; None when none has come."""
+        now_s = time.monotonic()
         if self.complete:
-            return self._block(np.zeros((0, len(self._plan.words)), dtype=np.int16), self._clock())
+            return self._block(np.zeros((0, len(self._plan.words)), dtype=np.int16), now_s)
         if self.stopped:
             left, self._left = self._left, b""
-            return self._block(self._scans.take(left), self._clock())
-        chunks = port.receive(self._clock() + WAIT_S)
+            return self._block(self._scans.take(left), now_s)
+        chunks = port.receive(now_s + WAIT_S)
         if not chunks:
             return None
         self._hear()

@@ -8,22 +8,20 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import NoReturn
 
 from hdbench.devices.registers import Register, decode
 from hdbench.devices.transactor import TWICE, Transactor
-from hdbench.devices.wire import (
+from hdbench.devices.wire.link import (
     ExceptionReply,
     FrameError,
     Link,
-    ReplyCheck,
     ReplyForm,
     Request,
     read_registers,
     write_registers,
 )
 from hdbench.drivers.labjack.registers import LAST_ERROR, SESSION, error_name
-from hdbench.errors import BusyError, DeviceError
+from hdbench.errors import BusyError, DeviceError, HdbenchError
 
 FUNCTION = 76
 _READ, _WRITE = 0, 1
@@ -57,7 +55,6 @@ def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Requ
 
 
 _MAX_REGISTERS = 120
-_FIX = "check power and network of the device, then run `hdbench doctor`"
 
 
 class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
@@ -66,7 +63,7 @@ class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
     code = 0
 
 
-class Control:
+class Control(Transactor):
     """Register access; every call keeps its deadline, from any thread.
 
     Reads are repeated once within the deadline. Writes are sent exactly once, but for those that
@@ -76,14 +73,7 @@ class Control:
     def __init__(
         self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.where = f"LabJack {link.where}"
-        self._link = link
-        self._transactor = Transactor(link, deadline_s=deadline_s, clock=clock)
-
-    @property
-    def repeats(self) -> int:
-        """Requests that were sent again so far."""
-        return self._transactor.repeats
+        super().__init__("LabJack", link, deadline_s=deadline_s, clock=clock)
 
     def read(self, *registers: Register) -> list[float | int]:
         """Return the values of registers anywhere in the map."""
@@ -95,7 +85,7 @@ class Control:
         for part in _parts(registers):
             count = sum(register.size for register in part)
             request = read_registers(part[0].address, count)
-            values += _decoded(part, self._transact(*request, part[0], TWICE)[2:])
+            values += _decoded(part, self._transact(request, part[0], TWICE)[2:])
         return values
 
     def write(self, registers: Sequence[Register], values: Sequence[float]) -> None:
@@ -106,7 +96,7 @@ class Control:
         for part in _parts(registers):
             raw = b"".join(reg.encode(value) for reg, value in pairs[: len(part)])
             pairs = pairs[len(part) :]
-            self._transact(*write_registers(part[0].address, raw), part[0], 1)
+            self._transact(write_registers(part[0].address, raw), part[0], 1)
 
     def feedback(
         self,
@@ -118,34 +108,27 @@ class Control:
         """Write, then read, in one transaction."""
         first = writes[0][0] if writes else reads[0]
         attempts = TWICE if repeatable else 1
-        raw = self._transact(*feedback_request(writes, reads), first, attempts)
+        raw = self._transact(feedback_request(writes, reads), first, attempts)
         return _decoded(reads, raw[1:])
 
-    def close(self) -> None:
-        """Close the connection; never raises."""
-        self._link.close()
+    def error_at(self, register: Register, what: str, fix: str) -> DeviceError:
+        """Return an error that names a register."""
+        return self.error(what, f"register {register.describe()}", fix)
 
-    def _transact(self, request: bytes, check: ReplyCheck, first: Register, attempts: int) -> bytes:
-        return self._transactor.transact(
-            lambda: (request, check),
-            attempts,
-            refused=lambda reply, until_s: self._refused(reply, first, until_s),
-            fault=lambda what: DeviceError(
-                what, where=f"{self.where}, register {first.describe()}", fix=_FIX
-            ),
-        )
+    def _transact(self, request: Request, first: Register, attempts: int) -> bytes:
+        return self.transact(lambda: request, f"register {first.describe()}", attempts)
 
-    def _refused(self, reply: ExceptionReply, first: Register, until_s: float) -> NoReturn:
-        """Raise what the device's exception means, with its own code."""
+    def _refused(self, reply: ExceptionReply, name: str, until_s: float) -> HdbenchError:
+        """Return what the device's exception means, with its own code."""
         code = self._error_code(until_s)
         why = f": {error_name(code)}" if code else ""
         error = Refused(
             f"the device refused with {reply}{why}",
-            where=f"{self.where}, register {first.describe()}",
+            where=self._place(name),
             fix="compare the value with the device's data sheet, section of that register",
         )
         error.code = code
-        raise error from reply
+        return error
 
     def _error_code(self, until_s: float) -> int:
         """Ask once, in what is left of the deadline, for the device's own error code."""
@@ -191,12 +174,8 @@ class Session:
     dead host and is taken over. Other programs do not know of it, and this beat feeds no watchdog.
     """
 
-    def __init__(
-        self, control: Control, clock: Callable[[], float], sleep: Callable[[float], None]
-    ) -> None:
+    def __init__(self, control: Control) -> None:
         self._control = control
-        self._clock = clock
-        self._sleep = sleep
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -211,7 +190,7 @@ class Session:
         token = secrets.randbelow(0xFFFFFFFE) + 1
         self._control.feedback(((_TOKEN, token), (_BEAT, 0)))
         # two hosts that claim at once: the later write stands, and the earlier host sees it
-        self._sleep(_LOOK_S)
+        time.sleep(_LOOK_S)
         if self._control.read(_TOKEN)[0] != token:
             raise self._busy("another host took the bench at the same moment")
         self._thread = threading.Thread(target=self._beat, name="labjack-session", daemon=True)
@@ -239,9 +218,9 @@ class Session:
                 self._control.feedback(((_BEAT, count % 2**32),))
 
     def _wait_for_a_beat(self, found: list[float | int]) -> None:
-        until_s = self._clock() + _DEAD_S
-        while self._clock() < until_s:
-            self._sleep(_LOOK_S)
+        until_s = time.monotonic() + _DEAD_S
+        while time.monotonic() < until_s:
+            time.sleep(_LOOK_S)
             now = self._control.read(*SESSION)
             if now[0] == 0:
                 return
@@ -249,8 +228,5 @@ class Session:
                 raise self._busy("another host holds the bench and is alive")
 
     def _busy(self, what: str) -> BusyError:
-        return BusyError(
-            what,
-            where=f"{self._control.where}, register {_BEAT.describe()}",
-            fix="wait until it has finished, or stop it there",
-        )
+        where = self._control.error_at(_BEAT, what, "").where
+        return BusyError(what, where=where, fix="wait until it has finished, or stop it there")

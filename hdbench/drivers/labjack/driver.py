@@ -4,26 +4,35 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass
 
 from hdbench.devices.bench import Identity, SafeState
-from hdbench.devices.daq import Capabilities, DaqSettings, Role, ScanBlock, WatchdogState
-from hdbench.devices.registers import Register
+from hdbench.devices.daq import (
+    Capabilities,
+    DaqSettings,
+    Role,
+    ScanBlock,
+    WatchdogState,
+    clean_text,
+)
 from hdbench.devices.safestate import Seen, reach_safe_state
-from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack.control import Control, Session
 from hdbench.drivers.labjack.outputs import Outputs, Watchdog
 from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, user_name
-from hdbench.drivers.labjack.scanlist import InputScale, describe_abilities, plan_scan
-from hdbench.drivers.labjack.setup import (
+from hdbench.drivers.labjack.scanlist import (
+    InputScale,
+    describe_abilities,
     input_scales,
+    plan_scan,
     read_inputs,
     set_up_inputs,
     set_up_stream,
     stop_stream,
 )
-from hdbench.drivers.labjack.stream import Acquisition, Stream
+from hdbench.drivers.labjack.stream import Acquisition
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
 from hdbench.profile.schema import ProfileData
@@ -41,10 +50,9 @@ def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
     (test,) = control.read(TEST)
     if test != TEST_VALUE:
         swapped = "; its words are swapped" if test == _SWAPPED else ""
-        raise _error(
-            control,
-            f"reads 0x{int(test):08X}; needed: 0x{TEST_VALUE:08X}{swapped}",
+        raise control.error_at(
             TEST,
+            f"reads 0x{int(test):08X}; needed: 0x{TEST_VALUE:08X}{swapped}",
             "this is no LabJack T-series device, or a gateway on the way swaps its words",
         )
     product, _, firmware, serial = control.read(*IDENTITY)
@@ -61,45 +69,32 @@ def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
 def _check_model(control: Control, product: int, serial: int, table: LabJackAcquisition) -> None:
     model = _MODELS.get(product, f"product {product}")
     if product not in (4, 7):
-        raise _error(
-            control,
+        raise control.error_at(
+            IDENTITY[0],
             f"a {model} answers; this driver knows T4 and T7. A T8 keeps the constants that turn "
             "its streamed words into volts in a layout that has not been published for direct use",
-            IDENTITY[0],
             "use a T4 or T7, or read a T8 through a driver of its maker's library",
         )
     if model != table.model:
-        raise _error(
-            control,
-            f"a {model} answers; the profile names a {table.model}",
-            IDENTITY[0],
-            "correct daq.model or daq.address in the profile",
-        )
+        what = f"a {model} answers; the profile names a {table.model}"
+        raise control.error_at(IDENTITY[0], what, "correct daq.model or daq.address in the profile")
     if table.serial_number is not None and serial != table.serial_number:
-        raise _error(
-            control,
-            f"serial number {serial} answers; the profile names {table.serial_number}",
-            IDENTITY[3],
-            "correct daq.serial_number or daq.address in the profile",
-        )
+        what = f"serial number {serial} answers; the profile names {table.serial_number}"
+        fix = "correct daq.serial_number or daq.address in the profile"
+        raise control.error_at(IDENTITY[3], what, fix)
 
 
 def _name(control: Control) -> str:
     """Return the device's name, control characters removed; empty where it tells none."""
     words = control.read_block(user_name())
-    raw = b"".join(int(word).to_bytes(2, "big") for word in words)
-    text = raw.split(b"\0")[0].decode("ascii", errors="replace")
-    return "".join(char for char in text if char.isprintable())
-
-
-def _error(control: Control, what: str, register: Register, fix: str) -> DeviceError:
-    return DeviceError(what, where=f"{control.where}, register {register.describe()}", fix=fix)
+    return clean_text(b"".join(int(word).to_bytes(2, "big") for word in words))
 
 
 # the looped-back reference: offset and noise of the converter, far below what turns a motor
 _ZERO_V = 0.02
 
 
+@dataclass(eq=False)
 class LabJackDaq:
     """Driver of one device; implements `hdbench.devices.daq.Daq`.
 
@@ -107,25 +102,18 @@ class LabJackDaq:
     transaction at a time. The two never wait for each other but for a moment at start and stop.
     """
 
-    def __init__(
-        self,
-        control: Control,
-        table: LabJackAcquisition,
-        stream_address: tuple[str, int],
-        *,
-        tacho_rad_s_per_v: float,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        self._control = control
-        self._table = table
-        self._stream_address = stream_address
-        self._tacho_rad_s_per_v = tacho_rad_s_per_v
-        self._clock = clock
-        self._sleep = sleep
-        self._session = Session(control, clock, sleep)
-        self._outputs = Outputs(control, table)
-        self._watchdog = Watchdog(control, table.output) if table.output is not None else None
+    control: Control
+    table: LabJackAcquisition
+    stream_address: tuple[str, int]
+    _: KW_ONLY
+    tacho_rad_s_per_v: float
+
+    def __post_init__(self) -> None:
+        self._session = Session(self.control)
+        self._outputs = Outputs(self.control, self.table)
+        self._watchdog = (
+            Watchdog(self.control, self.table.output) if self.table.output is not None else None
+        )
         self._identity: Identity | None = None
         self._scales: dict[Role, InputScale] = {}
         self._settings: DaqSettings | None = None
@@ -134,16 +122,16 @@ class LabJackDaq:
     @property
     def repeats(self) -> int:
         """Requests that were sent again so far."""
-        return self._control.repeats
+        return self.control.repeats
 
     def capabilities(self) -> Capabilities:
         """Return what the device can do as the profile wires it."""
-        return describe_abilities(self._table, simulated=self.identity().simulated)
+        return describe_abilities(self.table, simulated=self.identity().simulated)
 
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
         if self._identity is None:
-            self._identity = check_identity(self._control, self._table)
+            self._identity = check_identity(self.control, self.table)
         return self._identity
 
     def claim(self) -> None:
@@ -151,12 +139,12 @@ class LabJackDaq:
         self.identity()
         if self._session.claim():
             self._outputs.make_safe()
-            stop_stream(self._control)
-        elif self._control.read(STREAM_ENABLE)[0]:
+            stop_stream(self.control)
+        elif self.control.read(STREAM_ENABLE)[0]:
             self._session.release()
             raise BusyError(
                 "another program has a stream running on this device",
-                where=f"{self._control.where}, register {STREAM_ENABLE.describe()}",
+                where=f"{self.control.where}, register {STREAM_ENABLE.describe()}",
                 fix="end that program; if nobody owns the stream any more, run `hdbench stop`",
             )
 
@@ -164,20 +152,20 @@ class LabJackDaq:
         """Set inputs and stream, outputs safe, and return the actual sample period, s."""
         self.identity()
         self._drop_acquisition()
-        stop_stream(self._control)
+        stop_stream(self.control)
         self._outputs.make_safe()
-        set_up_inputs(self._control, self._table)
+        set_up_inputs(self.control, self.table)
         if not self._scales:
-            self._scales = input_scales(self._control, self._table)
-        plan = plan_scan(self._table, settings.roles, self._scales)
+            self._scales = input_scales(self.control, self.table)
+        plan = plan_scan(self.table, settings.roles, self._scales)
         setup = set_up_stream(
-            self._control,
+            self.control,
             plan,
             settings.sample_period_s,
-            stop_when_full=None if self._table.model == "T4" else not self._table.auto_recover,
+            stop_when_full=None if self.table.model == "T4" else not self.table.auto_recover,
         )
         self._settings = settings
-        self._acquisition = Acquisition(plan, setup, settings.n_samples, self._clock)
+        self._acquisition = Acquisition(plan, setup, settings.n_samples)
         return setup.period_s
 
     def start(self) -> None:
@@ -185,16 +173,9 @@ class LabJackDaq:
         acquisition = self._acquisition
         if acquisition is None or acquisition.started:
             raise self._error("no acquisition is configured", "configure it first")
-        stream = Stream(
-            self._stream_address,
-            acquisition.layout,
-            acquisition.samples_per_packet,
-            deadline_s=self._table.deadline_s,
-            clock=self._clock,
-        )
-        acquisition.receive_from(stream)
-        self._control.write((STREAM_ENABLE,), (1,))
-        if not self._control.read(STREAM_ENABLE)[0]:
+        acquisition.open(self.stream_address, self.table.deadline_s)
+        self.control.write((STREAM_ENABLE,), (1,))
+        if not self.control.read(STREAM_ENABLE)[0]:
             raise self._error("the stream did not start", "configure it again")
 
     def read_block(self) -> ScanBlock | None:
@@ -205,14 +186,14 @@ class LabJackDaq:
         block = acquisition.next_block(self._outputs)
         if acquisition.complete and not acquisition.stopped:
             acquisition.stopped = True
-            stop_stream(self._control)
+            stop_stream(self.control)
         if block is None and acquisition.silent:
             self._why_silent(acquisition)
         return block
 
     def stop(self) -> None:
         """Stop the stream; scans already taken can still be read."""
-        stop_stream(self._control)
+        stop_stream(self.control)
         if self._acquisition is not None:
             self._acquisition.stopped = True
 
@@ -252,7 +233,7 @@ class LabJackDaq:
         """Return one reading of every channel; empty while a stream has the inputs."""
         if self._acquisition is not None and self._acquisition.sampling:
             return {}
-        return read_inputs(self._control, self._table)
+        return read_inputs(self.control, self.table)
 
     def safe_state(self) -> SafeState:
         """Zero the reference, disable the drive at standstill, stop the stream; all read back."""
@@ -267,28 +248,26 @@ class LabJackDaq:
             look=self._measured,
             disable=lambda: not self._outputs.enable(on=False),
             zero_v=_ZERO_V,
-            clock=self._clock,
-            sleep=self._sleep,
         )
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""
         if self._acquisition is not None and self._acquisition.sampling:
             with contextlib.suppress(HdbenchError):
-                stop_stream(self._control)
+                stop_stream(self.control)
         self._drop_acquisition()
         self._session.release()
-        self._control.close()
+        self.control.close()
 
     def _stop(self) -> None:
         self._outputs.zero()
-        stop_stream(self._control)
+        stop_stream(self.control)
 
     def _measured(self) -> Seen:
         """Return reference, V, and motor speed, rad/s, as the inputs show them now."""
-        seen = read_inputs(self._control, self._table)
+        seen = read_inputs(self.control, self.table)
         tacho_v = seen.get("tacho")
-        speed = None if tacho_v is None else tacho_v * self._tacho_rad_s_per_v
+        speed = None if tacho_v is None else tacho_v * self.tacho_rad_s_per_v
         return Seen(seen.get("reference", self._outputs.read_back()), speed)
 
     def _drop_acquisition(self) -> None:
@@ -298,7 +277,7 @@ class LabJackDaq:
 
     def _why_silent(self, acquisition: Acquisition) -> None:
         """Ask whether the stream still runs; a running one may be late."""
-        if not self._control.read(STREAM_ENABLE)[0]:
+        if not self.control.read(STREAM_ENABLE)[0]:
             raise self._error(
                 f"the device no longer streams after {acquisition.delivered} scans",
                 "it was restarted, or another program stopped it: check both, then run again",
@@ -313,7 +292,7 @@ class LabJackDaq:
         return self._watchdog
 
     def _error(self, what: str, fix: str) -> DeviceError:
-        return DeviceError(what, where=self._control.where, fix=fix)
+        return DeviceError(what, where=self.control.where, fix=fix)
 
 
 # 502 and 702

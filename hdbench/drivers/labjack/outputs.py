@@ -7,19 +7,9 @@ import math
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.registers import Register, as_float32
 from hdbench.devices.safestate import STANDSTILL_RAD_S
-from hdbench.devices.wire import parse_address
+from hdbench.devices.wire.address import parse_address
+from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.control import Control, feedback_request
-from hdbench.drivers.labjack.registers import (
-    DIO_STATE,
-    IDENTITY,
-    STREAM_ENABLE,
-    STRICT_CLEAR,
-    WATCHDOG,
-    analog_input,
-    dac,
-    digital_line,
-    tick_dac,
-)
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackOutput
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.schema import ProfileData
@@ -71,10 +61,10 @@ class Outputs:
             return wanted
         (found,) = self._control.feedback(((register, value),), (register,))
         if not abs(found - wanted) <= output_step_v(output, self._model):
-            raise DeviceError(
+            raise self._control.error_at(
+                register,
                 f"{register.name} reads back as {found:.6g} V; written: {value:.6g} V",
-                where=f"{self._control.where}, register {register.describe()}",
-                fix="use the emergency stop if the motor turns, then check the output",
+                "use the emergency stop if the motor turns, then check the output",
             )
         return float(found)
 
@@ -96,7 +86,7 @@ class Outputs:
         self.ordered_on = on
         if on:
             self.tripped = False
-        register = digital_line(self._output.enable_line)
+        register = reg.digital_line(self._output.enable_line)
         level = int(on == self._output.enable_high)
         (found,) = self._control.feedback(((register, level),), (register,))
         return bool(found) == self._output.enable_high
@@ -114,7 +104,7 @@ class Outputs:
 
     def look(self) -> None:
         """Read the lines and note a trip."""
-        self.note_levels(int(self._control.read(DIO_STATE)[0]))
+        self.note_levels(int(self._control.read(reg.DIO_STATE)[0]))
 
     def note_levels(self, levels: int) -> None:
         """Note a trip from the levels of all lines."""
@@ -142,15 +132,14 @@ def _is_tick_dac(output: LabJackOutput) -> bool:
 
 
 def _register(output: LabJackOutput) -> Register:
-    if _is_tick_dac(output):
-        return tick_dac(int(output.output.removeprefix("TDAC")))
-    return dac(int(output.output.removeprefix("DAC")))
+    number = int(output.output.lstrip("TDAC"))
+    return reg.tick_dac(number) if _is_tick_dac(output) else reg.dac(number)
 
 
 # what feeds it; any number would do, a streaming reader never writes it by chance
 KEY = 0x68640B0E
 _ALL_LINES = (1 << 23) - 1
-_ENABLE = WATCHDOG[0]
+_ENABLE = reg.WATCHDOG[0]
 
 
 def watchdog_settings(output: LabJackOutput, time_s: float) -> dict[str, float]:
@@ -185,8 +174,8 @@ class Watchdog:
 
     def read(self) -> dict[str, float]:
         """Return its settings by register name."""
-        values = self._control.read(*WATCHDOG)
-        return {register.name: value for register, value in zip(WATCHDOG, values, strict=True)}
+        values = self._control.read(*reg.WATCHDOG)
+        return {register.name: value for register, value in zip(reg.WATCHDOG, values, strict=True)}
 
     def arm(self, time_s: float) -> float:
         """Bring it to the wanted settings, writing flash only where they differ, and feed it."""
@@ -195,28 +184,28 @@ class Watchdog:
         if found != wanted:
             self._write(wanted, found)
             found = self.read()
-        for register in WATCHDOG:
+        for register in reg.WATCHDOG:
             if found[register.name] != wanted[register.name]:
-                raise DeviceError(
+                raise self._control.error_at(
+                    register,
                     f"{register.name} reads back as {found[register.name]:g}; written: "
                     f"{wanted[register.name]:g}",
-                    where=f"{self._control.where}, register {register.describe()}",
-                    fix="without this watchdog nothing may move: check the device's firmware",
+                    "without this watchdog nothing may move: check the device's firmware",
                 )
         self.feed()
         return float(found["WATCHDOG_TIMEOUT_S_DEFAULT"])
 
     def feed(self) -> int:
         """Write its key, and return the levels of all lines from the same transaction."""
-        key = ((STRICT_CLEAR, KEY),)
-        (levels,) = self._control.feedback(key, (DIO_STATE,), repeatable=True)
+        key = ((reg.STRICT_CLEAR, KEY),)
+        (levels,) = self._control.feedback(key, (reg.DIO_STATE,), repeatable=True)
         return int(levels)
 
     def _write(self, wanted: dict[str, float], found: dict[str, float]) -> None:
         """Write what differs: it must be off meanwhile, and goes on last."""
         if found[_ENABLE.name]:
             self._put(_ENABLE, 0)
-        for register in WATCHDOG[1:]:
+        for register in reg.WATCHDOG[1:]:
             if found[register.name] != wanted[register.name]:
                 self._put(register, wanted[register.name])
         self._put(_ENABLE, wanted[_ENABLE.name])
@@ -238,25 +227,27 @@ def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | Non
     def look(register: Register, check: Check) -> Look:
         return Look(feedback_request((), (register,)), (check,))
 
-    tick = output.output.startswith("TDAC")
-    number = int(output.output.lstrip("TDAC"))
-    reference = tick_dac(number) if tick else dac(number)
+    reference = _register(output)
     # what is not measured or cannot be read back is not looked at: the enable line still is
-    looks = [] if tick else [look(reference, Check("reference, V", 1, ">f", -_ZERO_V, _ZERO_V))]
+    looks = (
+        []
+        if _is_tick_dac(output)
+        else [look(reference, Check("reference, V", 1, ">f", -_ZERO_V, _ZERO_V))]
+    )
     for channel in table.channels:
         if channel.role == "tacho":
             limit_v = STANDSTILL_RAD_S / abs(profile.tacho.gain_rad_s_per_v * channel.scale)
             name = f"tacho ({STANDSTILL_RAD_S:g} rad/s are {limit_v:.3g} V), V"
             check = Check(name, 1, ">f", -limit_v, limit_v)
-            looks.append(look(analog_input(channel.number), check))
-    line = digital_line(output.enable_line)
+            looks.append(look(reg.analog_input(channel.number), check))
+    line = reg.digital_line(output.enable_line)
     off = 0 if output.enable_high else 1
-    stop = feedback_request(((STREAM_ENABLE, 0),), ())
+    stop = feedback_request(((reg.STREAM_ENABLE, 0),), ())
     return Target(
         target_at(parse_address(table.address, default_port=502), 1),
         acts=(feedback_request(((reference, 0.0),), ()), stop),
         looks=tuple(looks),
-        identity=(Look(feedback_request((), IDENTITY)),),
+        identity=(Look(feedback_request((), reg.IDENTITY)),),
         finals=(feedback_request(((line, off),), ()),),
         final_looks=(look(line, Check("enable line", 1, ">H", off, off)),),
     )

@@ -9,74 +9,48 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from importlib import resources
+from typing import cast
 
 from hdbench.devices.registers import Kind, Register
 
 
-def _rw(name: str, address: int, kind: Kind = "u32") -> Register:
-    return Register(name, address, kind, True)
+def _table(name: str) -> list[list[str]]:
+    """Return the lines of a text file beside this module, word by word."""
+    text = (resources.files(__package__) / name).read_text(encoding="ascii")
+    return [line.split() for line in text.splitlines()]
 
 
-TEST = Register("TEST", 55100, "u32")
-IDENTITY = (
-    Register("PRODUCT_ID", 60000, "f32"),
-    Register("HARDWARE_VERSION", 60002, "f32"),
-    Register("FIRMWARE_VERSION", 60004, "f32"),
-    Register("SERIAL_NUMBER", 60028, "u32"),
+# name, address, type and access, as far as this driver makes use of it
+_BY_NAME = {
+    name: Register(name, int(address), cast("Kind", kind), "W" in access)
+    for name, address, kind, access in _table("registers.txt")
+}
+
+
+def _named(*names: str) -> tuple[Register, ...]:
+    return tuple(_BY_NAME[name] for name in names)
+
+
+TEST, CORE, DIO_STATE = _named("TEST", "CORE_TIMER", "DIO_STATE")
+IDENTITY = _named("PRODUCT_ID", "HARDWARE_VERSION", "FIRMWARE_VERSION", "SERIAL_NUMBER")
+LAST_ERROR = _named("LAST_ERR_DETAIL", "LAST_ERR_FRAME", "LAST_ERR_TRANSACTION_ID")
+STREAM_SETUP = tuple(entry for entry in _BY_NAME.values() if 4002 <= entry.address <= 4012)
+STREAM_TARGET = _named("STREAM_AUTO_TARGET", "STREAM_DATATYPE", "STREAM_NUM_SCANS")
+STREAM_AUTORECOVER_DISABLE, STREAM_ENABLE = _named("STREAM_AUTORECOVER_DISABLE", "STREAM_ENABLE")
+WATCHDOG = tuple(
+    entry
+    for name, entry in _BY_NAME.items()
+    if name.startswith("WATCHDOG_") and name.endswith("_DEFAULT")
 )
+STRICT_CLEAR, FLASH_POINTER = _named("WATCHDOG_STRICT_CLEAR", "INTERNAL_FLASH_READ_POINTER")
+# memory that the device leaves to its host: which host holds the bench, and its sign of life
+SESSION = _named("USER_RAM0_U32", "USER_RAM1_U32")
 DEVICE_NAME = 60500
 DEVICE_NAME_REGISTERS = 25
-LAST_ERROR = (
-    Register("LAST_ERR_DETAIL", 55000, "u16"),
-    Register("LAST_ERR_FRAME", 55002, "u16"),
-    Register("LAST_ERR_TRANSACTION_ID", 55003, "u16"),
-)
-CORE = Register("CORE_TIMER", 61520, "u32")
-
-STREAM_SETUP = (
-    _rw("STREAM_SCANRATE_HZ", 4002, "f32"),
-    _rw("STREAM_NUM_ADDRESSES", 4004),
-    _rw("STREAM_SAMPLES_PER_PACKET", 4006),
-    _rw("STREAM_SETTLING_US", 4008, "f32"),
-    _rw("STREAM_RESOLUTION_INDEX", 4010),
-    _rw("STREAM_BUFFER_SIZE_BYTES", 4012),
-)
-AUTO_TARGET = _rw("STREAM_AUTO_TARGET", 4016)
-STREAM_DATATYPE = _rw("STREAM_DATATYPE", 4018)
-STREAM_TARGET = (AUTO_TARGET, STREAM_DATATYPE, _rw("STREAM_NUM_SCANS", 4020))
-STREAM_AUTORECOVER_DISABLE = _rw("STREAM_AUTORECOVER_DISABLE", 4028)
-STREAM_ENABLE = _rw("STREAM_ENABLE", 4990)
 STREAM_CAPTURE_16 = 4899
 FIO_EIO_STATE = 2580
-DIO_STATE = Register("DIO_STATE", 2800, "u32")
-FLASH_POINTER = _rw("INTERNAL_FLASH_READ_POINTER", 61810)
 FLASH_READ = 61812
 BUFFER_SIZE = 32768
-
-_SETTINGS: tuple[tuple[str, int, Kind], ...] = (
-    ("ENABLE", 61600, "u32"),
-    ("ADVANCED", 61602, "u32"),
-    ("TIMEOUT_S", 61604, "u32"),
-    ("STARTUP_DELAY_S", 61606, "u32"),
-    ("STRICT_ENABLE", 61610, "u32"),
-    ("STRICT_KEY", 61612, "u32"),
-    ("RESET_ENABLE", 61620, "u32"),
-    ("DIO_ENABLE", 61630, "u32"),
-    ("DIO_STATE", 61632, "u32"),
-    ("DIO_DIRECTION", 61634, "u32"),
-    ("DIO_INHIBIT", 61636, "u32"),
-    ("DAC0_ENABLE", 61640, "u32"),
-    ("DAC0", 61642, "f32"),
-    ("DAC1_ENABLE", 61650, "u32"),
-    ("DAC1", 61652, "f32"),
-)
-WATCHDOG = tuple(
-    _rw(f"WATCHDOG_{name}_DEFAULT", address, kind) for name, address, kind in _SETTINGS
-)
-STRICT_CLEAR = _rw("WATCHDOG_STRICT_CLEAR", 61614)
-
-# memory that the device leaves to its host: which host holds the bench, and its sign of life
-SESSION = (_rw("USER_RAM0_U32", 46100), _rw("USER_RAM1_U32", 46102))
 
 
 def _numbered(
@@ -116,8 +90,7 @@ def user_name() -> tuple[Register, ...]:
 @cache
 def _error_names() -> dict[str, str]:
     """Return the names of ``ljm_constants.json`` by their numbers."""
-    text = (resources.files(__package__) / "error_names.txt").read_text(encoding="ascii")
-    return dict(line.split() for line in text.splitlines())
+    return dict(_table("error_names.txt"))
 
 
 def error_name(code: int) -> str:

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.daq import Capabilities, InputInfo, OutputInfo, Role, WatchdogInfo
+from hdbench.devices.registers import Register
+from hdbench.drivers.labjack import registers as reg
+from hdbench.drivers.labjack.control import Control, Refused
 from hdbench.drivers.labjack.outputs import output_range_v, output_step_v
-from hdbench.drivers.labjack.registers import (
-    CORE,
-    FIO_EIO_STATE,
-    STREAM_CAPTURE_16,
-    analog_input,
-    ef_count,
-)
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackChannel
-from hdbench.errors import ProfileError
+from hdbench.errors import DeviceError, ProfileError
 from hdbench.records.trace import FloatArray
 
 # where the calibration stands, and how many 32-bit floats it has per model
@@ -180,19 +176,19 @@ def plan_scan(
         # a joint is told by an analog input alone: one is scanned, and its values are left out
         analog = [role for role in channels if channels[role].input != QUADRATURE][:1]
     positions = {role: number for number, role in enumerate(analog)}
-    addresses = [analog_input(channels[role].number).address for role in analog]
+    addresses = [reg.analog_input(channels[role].number).address for role in analog]
     for role in roles:
         if channels[role].input == QUADRATURE:
             positions[role] = len(addresses)
             first = quadrature_lines(table.model)[0]
-            addresses += [ef_count(first).address, STREAM_CAPTURE_16]
+            addresses += [reg.ef_count(first).address, reg.STREAM_CAPTURE_16]
     output = table.output
     line = None
     if output is not None and output.enable_line < _STREAMED_LINES:
         line = len(addresses)
-        addresses.append(FIO_EIO_STATE)
+        addresses.append(reg.FIO_EIO_STATE)
     timer = len(addresses)
-    addresses += [CORE.address, STREAM_CAPTURE_16]
+    addresses += [reg.CORE.address, reg.STREAM_CAPTURE_16]
     return ScanPlan(
         tuple(addresses),
         tuple((positions[role], channels[role], scales.get(role)) for role in roles),
@@ -308,26 +304,25 @@ def describe_abilities(table: LabJackAcquisition, *, simulated: bool) -> Capabil
     range or a high resolution takes from it is not published in a form that was checked; the device
     itself ends a stream that cannot keep its rate (SCAN_OVERLAP).
     """
-    words = [_words(table, count) for count in range(1, len(table.channels) + 1)]
-    output = table.output
-    return Capabilities(
+    roles = tuple(channel.role for channel in table.channels)
+    words = [
+        len(plan_scan(table, roles[:count], {}).addresses) for count in range(1, len(roles) + 1)
+    ]
+    inputs_only = Capabilities(
         inputs=tuple(_input(channel, table.model) for channel in table.channels),
         max_rates_hz=tuple(_SAMPLES_HZ[table.model] / count for count in words),
         min_rate_hz=_MIN_RATE_HZ,
-        outputs=()
-        if output is None
-        else (
-            OutputInfo(
-                "reference",
-                *output_range_v(output),
-                output_step_v(output, table.model),
-                _WRITE_S,
-            ),
-        ),
-        generator=False,
-        enable=output is not None,
-        watchdog=None if output is None else _watchdog(output.output),
         simulated=simulated,
+    )
+    output = table.output
+    if output is None:
+        return inputs_only
+    step_v = output_step_v(output, table.model)
+    return replace(
+        inputs_only,
+        outputs=(OutputInfo("reference", *output_range_v(output), step_v, _WRITE_S),),
+        enable=True,
+        watchdog=_watchdog(output.output),
     )
 
 
@@ -343,7 +338,165 @@ def _input(channel: LabJackChannel, model: str) -> InputInfo:
     return InputInfo(channel.role, -end, end, _BITS[model])
 
 
-def _words(table: LabJackAcquisition, count: int) -> int:
-    roles = tuple(channel.role for channel in table.channels[:count])
-    scale = InputScale(0.0, 1.0, -1.0, "nominal")
-    return len(plan_scan(table, roles, dict.fromkeys(roles, scale)).addresses)
+def read_inputs(control: Control, table: LabJackAcquisition) -> dict[Role, float]:
+    """Return one reading of every channel in one transaction, outside of a stream."""
+    registers = [
+        reg.ef_count(quadrature_lines(table.model)[0])
+        if channel.input == QUADRATURE
+        else reg.analog_input(channel.number)
+        for channel in table.channels
+    ]
+    values = control.read(*registers)
+    return {
+        channel.role: float(value) * (1.0 if channel.input == QUADRATURE else channel.scale)
+        for channel, value in zip(table.channels, values, strict=True)
+    }
+
+
+def input_scales(control: Control, table: LabJackAcquisition) -> dict[Role, InputScale]:
+    """Return the scale of every analog channel, from the device's flash or nominal."""
+    analog = [channel for channel in table.channels if channel.input != QUADRATURE]
+    if table.calibration == "nominal":
+        return {
+            channel.role: nominal_scale(table.model, channel.number, channel.range_v)
+            for channel in analog
+        }
+    words = _calibration_words(control, table.model)
+    scales: dict[Role, InputScale] = {}
+    for channel in analog:
+        scale = scale_from_flash(table.model, words, channel.number, channel.range_v)
+        if scale is None:
+            raise DeviceError(
+                f"the calibration constants of {channel.input} are more than 5 % from their "
+                "nominal values",
+                where=f"{control.where}, flash 0x{FLASH_ADDRESS:X}",
+                fix='have the device calibrated, or set daq.calibration = "nominal" and doubt the '
+                "volts",
+            )
+        scales[channel.role] = scale
+    return scales
+
+
+def _calibration_words(control: Control, model: str) -> list[float]:
+    """Return the calibration block; a read of 20 words at a time, from a pointer written before."""
+    words: list[float] = []
+    while len(words) < FLASH_WORDS[model]:
+        count = min(20, FLASH_WORDS[model] - len(words))
+        registers = reg.flash_words(count)
+        pointer = FLASH_ADDRESS + 4 * len(words)
+        control.feedback(((reg.FLASH_POINTER, pointer),), repeatable=True)
+        words += [float(value) for value in control.read_block(registers)]
+    return words
+
+
+# the device's own code for stopping a stream that does not run
+_NOT_RUNNING = 2620
+_SINGLE_ENDED = 199
+_QUADRATURE_INDEX = 10
+# a packet is to hold this time, so that data are not older; 512 samples is a packet's limit
+_PACKET_S = 0.02
+_MAX_SAMPLES = 512
+# the scan clock's grain is 100 ns up to 6.5 ms and 1 ms at worst for 60 s: below 2 in 1e4 of any
+# period that a profile may ask for
+_RATE_TOLERANCE = 2e-4
+
+
+@dataclass(frozen=True, slots=True)
+class StreamSetup:
+    """What the device was set to."""
+
+    period_s: float
+    samples_per_packet: int
+
+
+def stop_stream(control: Control) -> None:
+    """Stop a stream, one that a dead host has left included."""
+    try:
+        control.feedback(((reg.STREAM_ENABLE, 0),), repeatable=True)
+    except Refused as refused:
+        if refused.code != _NOT_RUNNING:
+            raise
+    if control.read(reg.STREAM_ENABLE)[0]:
+        what = "the stream goes on after it was stopped"
+        raise control.error_at(reg.STREAM_ENABLE, what, "switch the device off and on")
+
+
+def set_up_inputs(control: Control, table: LabJackAcquisition) -> None:
+    """Set ranges, negative sides and the encoder's counter, only where they differ."""
+    analog = [channel for channel in table.channels if channel.input != QUADRATURE]
+    # a T4 has neither ranges nor negative sides
+    for channel in analog if table.model == "T7" else ():
+        number = channel.number
+        negative = _SINGLE_ENDED if channel.negative is None else channel.negative
+        _ensure(control, reg.analog_range(number), channel.range_v)
+        _ensure(control, reg.negative_channel(number), negative)
+    if len(analog) < len(table.channels):
+        _set_up_counter(control, table.model)
+
+
+def _set_up_counter(control: Control, model: str) -> None:
+    """Pair two lines as a quadrature counter; one that counts already goes on counting."""
+    lines = quadrature_lines(model)
+    wanted = (_QUADRATURE_INDEX, 1)
+    if all(tuple(control.read(reg.ef_index(n), reg.ef_enable(n))) == wanted for n in lines):
+        return
+    for value, register in (
+        (0, reg.ef_enable),
+        (_QUADRATURE_INDEX, reg.ef_index),
+        (1, reg.ef_enable),
+    ):
+        for number in lines:
+            control.write((register(number),), (value,))
+    for number in lines:
+        _ensure(control, reg.ef_index(number), _QUADRATURE_INDEX)
+        _ensure(control, reg.ef_enable(number), 1)
+
+
+def set_up_stream(
+    control: Control, plan: ScanPlan, sample_period_s: float, *, stop_when_full: bool | None
+) -> StreamSetup:
+    """Write the stream's settings and return what they read back as."""
+    entries = len(plan.addresses)
+    scans = max(1, min(round(_PACKET_S / sample_period_s), _MAX_SAMPLES // entries))
+    wanted = (1.0 / sample_period_s, entries, scans * entries, 0.0, 0, reg.BUFFER_SIZE)
+    control.write(reg.STREAM_SETUP, wanted)
+    # to Ethernet, 16-bit samples, until it is stopped
+    control.write(reg.STREAM_TARGET, (1, 0, 0))
+    if stop_when_full is not None:
+        _ensure(control, reg.STREAM_AUTORECOVER_DISABLE, int(stop_when_full))
+    addresses = tuple(reg.scan_list(position) for position in range(entries))
+    control.write(addresses, plan.addresses)
+    _check(control, addresses, plan.addresses)
+    _check(control, reg.STREAM_SETUP[1:], wanted[1:])
+    _check(control, (reg.STREAM_TARGET[0], reg.STREAM_TARGET[2]), (1, 0))
+    rate_hz = float(control.read(reg.STREAM_SETUP[0])[0])
+    if not abs(rate_hz * sample_period_s - 1.0) <= _RATE_TOLERANCE:
+        raise control.error_at(
+            reg.STREAM_SETUP[0],
+            f"the device scans at {rate_hz:.6g} Hz; asked for {1.0 / sample_period_s:.6g} Hz",
+            "choose a sample period of whole microseconds, or milliseconds above 6 ms",
+        )
+    return StreamSetup(1.0 / rate_hz, scans * entries)
+
+
+def _ensure(control: Control, register: Register, value: float) -> None:
+    """Write a setting where it differs, and read it back."""
+    if not _same(control.read(register)[0], value):
+        control.write((register,), (value,))
+        _check(control, (register,), (value,))
+
+
+def _check(control: Control, registers: tuple[Register, ...], wanted: tuple[float, ...]) -> None:
+    found: list[float | int] = []
+    for at in range(0, len(registers), 30):
+        found += control.read(*registers[at : at + 30])
+    for register, value, asked in zip(registers, found, wanted, strict=True):
+        if not _same(value, asked):
+            what = f"{register.name} reads back as {value:g}; written: {asked:g}"
+            fix = "compare the value with the device's data sheet and its firmware version"
+            raise control.error_at(register, what, fix)
+
+
+def _same(found: float, wanted: float) -> bool:
+    # values travel as 32-bit floats
+    return abs(found - wanted) <= 1e-6 * abs(wanted)

@@ -3,23 +3,160 @@
 from __future__ import annotations
 
 import contextlib
+import socket
+import struct
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.daq import ScanBlock
-from hdbench.devices.streamed import WAIT_S, StreamedAcquisition
-from hdbench.devices.wire import dial
+from hdbench.devices.daq import WAIT_S, ScanBlock, StreamedAcquisition
+from hdbench.devices.wire.address import dial
 from hdbench.drivers.labjack.outputs import Outputs
-from hdbench.drivers.labjack.packets import Packet, PacketParser, Status, StreamFault
 from hdbench.drivers.labjack.registers import error_name
-from hdbench.drivers.labjack.scanlist import Decoded, ScanLayout, ScanPlan
-from hdbench.drivers.labjack.setup import StreamSetup
+from hdbench.drivers.labjack.scanlist import Decoded, ScanLayout, ScanPlan, StreamSetup
 from hdbench.errors import DeviceError
+
+_HEADER = struct.Struct(">HHHBBBBHHH")
+_FUNCTION, _TYPE, _UNIT = 76, 16, 1
+# bytes that the length field counts beside the samples
+_FIXED = 10
+_NUMBERS = 0x10000
+
+
+class Status(IntEnum):
+    """What a packet says about the stream (``ljm_constants.json``)."""
+
+    OK = 0
+    RECOVERING = 2940
+    RECOVERED = 2941
+    OVERLAP = 2942
+    RECOVERED_UNCOUNTED = 2943
+    BURST_COMPLETE = 2944
+    BUFFER_FULL = 2945
+
+
+class StreamFault(Exception):  # noqa: N818 - turned into a DeviceError by the driver
+    """Bytes that are no packet of this stream, or packets out of order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One packet."""
+
+    number: int
+    skipped: int
+    backlog_bytes: int
+    status: int
+    additional: int
+    samples: NDArray[np.uint16]
+
+
+class PacketParser:
+    """Turns the byte stream of one acquisition into packets that are certain.
+
+    A packet has 16 bytes of header (number, protocol 0, length, unit 1, function 76, type 16,
+    reserved, backlog, status, additional) and its samples; it has no checksum. So it is handed out
+    only once the header after it was found where it must stand: bytes that went missing or came
+    twice within a packet show there. A packet after missing ones waits until the next number
+    confirms its own. What this cannot show is a sample whose bits changed on the way past TCP's
+    checksum.
+
+    A packet that comes twice is dropped once; one that comes late is a `StreamFault`.
+    """
+
+    def __init__(self, n_samples: int) -> None:
+        self._n_samples = n_samples
+        self._data = bytearray()
+        self._pending: Packet | None = None
+        self._ready: deque[Packet] = deque()
+        self._last: Packet | None = None
+        self._next = 0
+
+    def feed(self, data: bytes) -> None:
+        """Take what was received."""
+        self._data += data
+        while len(self._data) >= _HEADER.size:
+            length = self._checked_length()
+            if self._pending is not None:
+                self._confirm(int.from_bytes(self._data[:2], "big"))
+            end = _HEADER.size + 2 * length
+            if len(self._data) < end:
+                return
+            self._pending = self._packet(bytes(self._data[:end]))
+            del self._data[:end]
+            if self._pending is not None and self._pending.status in _ENDS:
+                # nothing follows it
+                self._ready.extend(self.finish())
+
+    def packets(self) -> list[Packet]:
+        """Return the packets that have become certain since the last call, in order."""
+        ready = list(self._ready)
+        self._ready.clear()
+        return ready
+
+    def finish(self) -> list[Packet]:
+        """Return the last packets of a stream that has ended."""
+        pending, self._pending = self._pending, None
+        if pending is not None and not self._data and not pending.skipped:
+            self._ready.append(pending)
+        return self.packets()
+
+    def _checked_length(self) -> int:
+        """Return the number of samples of the packet at the front of the data."""
+        _, protocol, length, unit, function, kind, _, _, status, _ = _HEADER.unpack_from(self._data)
+        if (protocol, unit, function, kind) != (0, _UNIT, _FUNCTION, _TYPE):
+            raise StreamFault(
+                f"header {self._data[: _HEADER.size].hex(' ')} is none of a stream packet"
+            )
+        n_samples, odd = divmod(int(length) - _FIXED, 2)
+        # a packet that ends the stream may be shorter
+        ends = status in _ENDS
+        fits = n_samples == self._n_samples or (ends and 0 <= n_samples < self._n_samples)
+        if odd or not fits:
+            raise StreamFault(f"length {length}; needed: {_FIXED + 2 * self._n_samples}")
+        return n_samples
+
+    def _confirm(self, following: int) -> None:
+        """Decide about the packet that waits, now that the next header is there."""
+        pending = self._pending
+        if pending is None:
+            return
+        step = (following - pending.number) % _NUMBERS
+        if pending.skipped and step != 1:
+            raise StreamFault(
+                f"packet {pending.number} after {pending.skipped} missing ones is followed by "
+                f"packet {following}"
+            )
+        self._pending = None
+        self._ready.append(pending)
+
+    def _packet(self, raw: bytes) -> Packet | None:
+        number, _, _, _, _, _, _, backlog, status, additional = _HEADER.unpack_from(raw)
+        samples = np.frombuffer(raw, dtype=">u2", offset=_HEADER.size).astype(np.uint16)
+        skipped = (number - self._next) % _NUMBERS
+        if skipped == _NUMBERS - 1 and self._repeats(number, status, samples):
+            return None
+        # more than half of the numbers ahead is behind
+        if skipped >= _NUMBERS // 2:
+            raise StreamFault(f"packet {number} came late; needed: {self._next}")
+        self._next = (number + 1) % _NUMBERS
+        packet = Packet(number, skipped, backlog, status, additional, samples)
+        self._last = packet
+        return packet
+
+    def _repeats(self, number: int, status: int, samples: NDArray[np.uint16]) -> bool:
+        last = self._last
+        return (
+            last is not None
+            and (last.number, last.status) == (number, status)
+            and np.array_equal(last.samples, samples)
+        )
+
 
 # first channel of the scan that the device puts between old and new data after a full buffer; an
 # analog input never reads this
@@ -142,179 +279,68 @@ _ENDS = {
 _KNOWN = {Status.OK, Status.RECOVERING, Status.RECOVERED, *_ENDS}
 
 
-class Stream:
-    """Reads one acquisition."""
-
-    def __init__(
-        self,
-        address: tuple[str, int],
-        layout: ScanLayout,
-        samples_per_packet: int,
-        *,
-        deadline_s: float,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.where = f"LabJack stream tcp://{address[0]}:{address[1]}"
-        self.scans = ScanAssembler(layout, samples_per_packet)
-        self.backlog_scans = 0
-        self.received_s = (clock(), clock())
-        self._scan_bytes = 2 * layout.n_entries
-        self._parser = PacketParser(samples_per_packet)
-        self._runs: deque[ScanRun] = deque()
-        self._clock = clock
-        self._end: DeviceError | None = None
-        try:
-            self._socket = dial(address, deadline_s)
-        except OSError as error:
-            raise self._error(
-                f"no connection ({error.strerror or error})",
-                "close other programs that read this device's stream",
-            ) from error
-
-    @property
-    def duplicates(self) -> int:
-        """Packets that came twice and were dropped once."""
-        return self._parser.duplicates
-
-    @property
-    def waiting(self) -> int:
-        """Scans received and not handed out."""
-        return sum(len(run.words) for run in self._runs)
-
-    def read(self, timeout_s: float) -> ScanRun | None:
-        """Return the next run of scans, or None when none has come in time."""
-        if not self._runs and self._end is None:
-            self._receive(timeout_s)
-        if self._runs:
-            # what came before the end is certain, and is handed out first
-            return self._runs.popleft()
-        if self._end is not None:
-            raise self._end
-        return None
-
-    def finish(self, timeout_s: float) -> None:
-        """Take what is still on its way after the stream was stopped."""
-        until_s = self._clock() + timeout_s
-        while self._end is None and self._clock() < until_s:
-            if not self._receive(max(1e-3, until_s - self._clock())):
-                break
-        if self._end is None:
-            self._guarded(lambda: self._take(self._parser.finish()))
-
-    def close(self) -> None:
-        """Close the connection; never raises."""
-        with contextlib.suppress(OSError):
-            self._socket.close()
-
-    def _receive(self, timeout_s: float) -> bool:
-        """Take bytes that have come; return whether there were any."""
-        before_s = self._clock()
-        try:
-            self._socket.settimeout(timeout_s)
-            data = self._socket.recv(_CHUNK)
-        except TimeoutError:
-            return False
-        except OSError as error:
-            self._end = self._broken(f"the stream broke ({error.strerror or error})")
-            return False
-        if not data:
-            self._end = self._broken("the device closed the stream")
-            return False
-        self.received_s = (before_s, self._clock())
-        self._guarded(lambda: self._feed(data))
-        return True
-
-    def _feed(self, data: bytes) -> None:
-        self._parser.feed(data)
-        self._take(self._parser.packets())
-
-    def _take(self, packets: list[Packet]) -> None:
-        for packet in packets:
-            if packet.status not in _KNOWN:
-                raise StreamFault(f"status {error_name(packet.status)} is none of a stream")
-            self._runs.extend(self.scans.take(packet))
-            self.backlog_scans = packet.backlog_bytes // self._scan_bytes
-            end = Status(packet.status)
-            if end in _ENDS:
-                what = f"the device ended the stream: {error_name(end)}"
-                self._end = self._error(what, _ENDS[end])
-                return
-
-    def _guarded(self, act: Callable[[], None]) -> None:
-        """Take a fault as the end of what can be trusted."""
-        try:
-            act()
-        except StreamFault as fault:
-            self._end = self._error(
-                f"{fault} (scan {self.scans.index})",
-                "scans from there on are in doubt and were not kept: check the network, run again",
-            )
-
-    def _broken(self, what: str) -> DeviceError:
-        return self._error(
-            f"{what} after {self.scans.index} scans",
-            "it was restarted, or another program took the stream: check both, then run again",
-        )
-
-    def _error(self, what: str, fix: str) -> DeviceError:
-        return DeviceError(what, where=self.where, fix=fix)
-
-
 # what is on its way after the stream was stopped, s
 _DRAIN_S = 0.1
 
 
 class Acquisition(StreamedAcquisition):
-    """One acquisition of the device."""
+    """One acquisition of the device, and the socket that its stream comes from."""
 
-    def __init__(
-        self, plan: ScanPlan, setup: StreamSetup, n_samples: int, clock: Callable[[], float]
-    ) -> None:
+    def __init__(self, plan: ScanPlan, setup: StreamSetup, n_samples: int) -> None:
         packet_s = setup.samples_per_packet / len(plan.addresses) * setup.period_s
-        super().__init__(n_samples, packet_s, clock)
-        self.samples_per_packet = setup.samples_per_packet
-        self.layout = plan.layout(setup.period_s)
+        super().__init__(n_samples, packet_s)
         self._plan = plan
-        self._stream: Stream | None = None
+        self._parser = PacketParser(setup.samples_per_packet)
+        self._scans = ScanAssembler(plan.layout(setup.period_s), setup.samples_per_packet)
+        self._scan_bytes = 2 * len(plan.addresses)
+        self._runs: deque[ScanRun] = deque()
+        self._socket: socket.socket | None = None
+        self._where = ""
+        self._end: DeviceError | None = None
+        self._backlog_scans = 0
+        self._received_s = (0.0, 0.0)
         self._seen_on = False
         self._drained = False
 
-    def receive_from(self, stream: Stream) -> None:
-        """Take the opened stream."""
-        self._stream = stream
+    def open(self, address: tuple[str, int], timeout_s: float) -> None:
+        """Connect to the stream's port."""
+        self._where = f"LabJack stream tcp://{address[0]}:{address[1]}"
+        try:
+            self._socket = dial(address, timeout_s)
+        except OSError as error:
+            raise self._error(
+                f"no connection ({error.strerror or error})",
+                "close other programs that read this device's stream",
+            ) from error
         self.begin()
 
     def close(self) -> None:
         """Close the socket; never raises."""
-        if self._stream is not None:
-            self._stream.close()
+        if self._socket is not None:
+            with contextlib.suppress(OSError):
+                self._socket.close()
 
     def next_block(self, outputs: Outputs) -> ScanBlock | None:
         """Return the next block; None when no scan has come."""
-        stream = self._stream
-        if stream is None or self.complete:
+        if self.complete:
             return self._empty(outputs)
         if self.stopped and not self._drained:
             self._drained = True
-            stream.finish(_DRAIN_S)
-        run = stream.read(WAIT_S) if not (self.stopped and not stream.waiting) else None
+            self._finish(_DRAIN_S)
+        run = None if self.stopped and not self._runs else self._read(WAIT_S)
         if run is None:
             return self._empty(outputs) if self.stopped else None
         self._hear()
-        return self._block(run, stream, outputs)
-
-    def _block(self, run: ScanRun, stream: Stream, outputs: Outputs) -> ScanBlock:
         lost = min(run.lost_before, self._n_samples - self.delivered)
-        words = run.words[: self._n_samples - self.delivered - lost]
-        decoded = self._plan.decode(words)
+        decoded = self._plan.decode(run.words[: self._n_samples - self.delivered - lost])
         self._watch_line(decoded, outputs)
         return self._delivered(
             decoded.values,
             decoded.saturated,
-            stream.received_s,
+            self._received_s,
             lost=lost,
-            waiting=stream.waiting,
-            depth=stream.backlog_scans,
+            waiting=sum(len(waiting.words) for waiting in self._runs),
+            depth=self._backlog_scans,
             tripped=outputs.tripped,
         )
 
@@ -332,7 +358,73 @@ class Acquisition(StreamedAcquisition):
     def _empty(self, outputs: Outputs) -> ScanBlock:
         """Return a block without scans: the acquisition is over."""
         nothing = self._plan.decode(np.zeros((0, len(self._plan.addresses)), dtype=np.uint16))
-        now_s = self._clock()
+        now_s = time.monotonic()
         return self._delivered(
             nothing.values, nothing.saturated, (now_s, now_s), tripped=outputs.tripped
         )
+
+    def _read(self, timeout_s: float) -> ScanRun | None:
+        """Return the next run of scans, or None when none has come in time."""
+        if not self._runs and self._end is None:
+            self._receive(timeout_s)
+        if self._runs:
+            # what came before the end is certain, and is handed out first
+            return self._runs.popleft()
+        if self._end is not None:
+            raise self._end
+        return None
+
+    def _finish(self, timeout_s: float) -> None:
+        """Take what is still on its way after the stream was stopped."""
+        until_s = time.monotonic() + timeout_s
+        while self._end is None and time.monotonic() < until_s:
+            if not self._receive(max(1e-3, until_s - time.monotonic())):
+                break
+        if self._end is None:
+            self._take(None)
+
+    def _receive(self, timeout_s: float) -> bool:
+        """Take bytes that have come; return whether there were any."""
+        before_s, broken = time.monotonic(), "the device closed the stream"
+        try:
+            if self._socket is None:
+                return False
+            self._socket.settimeout(timeout_s)
+            data = self._socket.recv(_CHUNK)
+        except TimeoutError:
+            return False
+        except OSError as error:
+            data, broken = b"", f"the stream broke ({error.strerror or error})"
+        if not data:
+            self._end = self._error(
+                f"{broken} after {self._scans.index} scans",
+                "it was restarted, or another program took the stream: check both, then run again",
+            )
+            return False
+        self._received_s = (before_s, time.monotonic())
+        self._take(data)
+        return True
+
+    def _take(self, data: bytes | None) -> None:
+        """Take what was received, or None its end; a fault is the end of what can be trusted."""
+        try:
+            if data is not None:
+                self._parser.feed(data)
+            for packet in self._parser.finish() if data is None else self._parser.packets():
+                if packet.status not in _KNOWN:
+                    raise StreamFault(f"status {error_name(packet.status)} is none of a stream")
+                self._runs.extend(self._scans.take(packet))
+                self._backlog_scans = packet.backlog_bytes // self._scan_bytes
+                end = Status(packet.status)
+                if end in _ENDS:
+                    what = f"the device ended the stream: {error_name(end)}"
+                    self._end = self._error(what, _ENDS[end])
+                    return
+        except StreamFault as fault:
+            self._end = self._error(
+                f"{fault} (scan {self._scans.index})",
+                "scans from there on are in doubt and were not kept: check the network, run again",
+            )
+
+    def _error(self, what: str, fix: str) -> DeviceError:
+        return DeviceError(what, where=self._where, fix=fix)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,8 +15,7 @@ from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.modbus import ModbusDevice
 from hdbench.devices.emulator.server import ModbusServer, Wire
-from hdbench.devices.modbus.driver import ModbusDaq
-from hdbench.devices.modbus.opening import open_modbus
+from hdbench.devices.modbus.driver import ModbusDaq, open_modbus
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
@@ -83,15 +82,10 @@ def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Ite
         yield found
 
 
-@contextmanager
-def driver(what: ModbusAcquisition, address: str, **changes: Any) -> Iterator[ModbusDaq]:
+def driver(what: ModbusAcquisition, address: str, **changes: Any) -> closing[ModbusDaq]:
     """Open a driver at an address, patient as it may be."""
-    table = what.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
-    daq = open_modbus(BENCH, table)
-    try:
-        yield daq
-    finally:
-        daq.close()
+    update = {"address": address, "deadline_s": 0.9, **changes}
+    return closing(open_modbus(BENCH, what.model_copy(update=update)))
 
 
 def settings(n_samples: int, period_s: float = 0.02, roles: tuple[str, ...] = ("torque",)) -> Any:

@@ -6,7 +6,7 @@ import pytest
 
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.registers import Register
-from hdbench.devices.wire import ExceptionReply, FrameError
+from hdbench.devices.wire.link import ExceptionReply, FrameError
 from hdbench.errors import DeviceError, ProfileError
 
 PLACE = Register("holding 7", 7, "u16")

@@ -3,7 +3,8 @@
 import pytest
 
 from hdbench.devices.modbus.outputs import Outputs
-from hdbench.devices.wire import FrameError
+from hdbench.devices.transactor import Transactor
+from hdbench.devices.wire.link import FrameError
 from hdbench.errors import DeviceError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
@@ -20,6 +21,7 @@ class LosingAccess:
     """Holds one register; every write is lost, and so is its answer."""
 
     where = "nowhere"
+    error, _place = Transactor.error, Transactor._place
 
     def __init__(self, value):
         self.value = value

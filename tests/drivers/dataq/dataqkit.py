@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,15 +60,10 @@ def served(what: DataqAcquisition, *, speed: float = 1.0, seed: int = 3) -> Iter
         yield Served(loop, line.device, line, instrument, str(found["address"]))
 
 
-@contextmanager
-def driver(what: DataqAcquisition, address: str, **changes: Any) -> Iterator[DataqDaq]:
+def driver(what: DataqAcquisition, address: str, **changes: Any) -> closing[DataqDaq]:
     """Open a driver at an address, patient as it may be."""
-    table = what.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
-    daq = open_dataq(BENCH, table)
-    try:
-        yield daq
-    finally:
-        daq.close()
+    update = {"address": address, "deadline_s": 0.9, **changes}
+    return closing(open_dataq(BENCH, what.model_copy(update=update)))
 
 
 def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = ROLES) -> DaqSettings:

@@ -10,8 +10,8 @@ from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
 from faults.lines import faulty_serial
 from faults.mangler import Mangler, RawFraming
 
-from hdbench.drivers.dataq.models import MODELS
 from hdbench.drivers.dataq.port import Commands, Port
+from hdbench.drivers.dataq.scans import MODELS
 from hdbench.errors import BusyError, DeviceError
 
 

@@ -6,12 +6,15 @@ from dataqkit import ROLES, table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hdbench.drivers.dataq.models import MODELS, choose_rate, highest_rate_hz, packet_code
 from hdbench.drivers.dataq.scans import (
+    MODELS,
     LagWatch,
     ScanAssembler,
     SignedCounter,
     StreamFault,
+    choose_rate,
+    highest_rate_hz,
+    packet_code,
     plan_scan,
 )
 from hdbench.errors import DeviceError, ProfileError

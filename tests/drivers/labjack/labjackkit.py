@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.driver import open_daq
 from hdbench.devices.emulator.instrument import DeviceClock, ElectricalSamples, SimulatedInstrument
 from hdbench.devices.emulator.serving import EmulatorSettings
-from hdbench.devices.wire import parse_address
+from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.labjack.driver import LabJackDaq
 from hdbench.drivers.labjack.emulator.device import EmulatedLabJack, LabJackDevice
 from hdbench.drivers.labjack.emulator.streaming import Wiring
@@ -78,14 +78,9 @@ def table_for(port: int, **changes: Any) -> Any:
     return PROFILE.daq.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
 
 
-@contextmanager
-def driver(port: int, **changes: Any) -> Iterator[LabJackDaq]:
+def driver(port: int, **changes: Any) -> closing[LabJackDaq]:
     """Open a driver."""
-    daq = open_daq(PROFILE, table_for(port, **changes))
-    try:
-        yield daq
-    finally:
-        daq.close()
+    return closing(open_daq(PROFILE, table_for(port, **changes)))
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """The driver against the emulated T7, on the wire."""
 
 import math
-import struct
 import time
 
 import numpy as np
@@ -369,8 +368,3 @@ def test_a_t4_measures_the_same_bench_with_its_twelve_bits():
         driver(1, auto_recover=False, **changes),
     ):
         pass
-
-
-def test_numbers_travel_big_end_first():
-    assert dac(0).encode(2.5) == struct.pack(">f", 2.5)
-    assert dac(0).decode(b"\x40\x20\0\0") == 2.5

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 from faults.lines import faulty_tcp
-from faults.mangler import FAULT_KINDS, Mangler, TcpFraming
+from faults.mangler import Mangler, TcpFraming
 from labjackkit import (
     PROFILE,
     claimed,
@@ -21,54 +21,16 @@ from labjackkit import (
 )
 from served import disturb, read_all
 
-from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.driver import STREAM_OFFSET, open_labjack
-from hdbench.drivers.labjack.registers import IDENTITY, SESSION, TEST
+from hdbench.drivers.labjack.registers import SESSION
 from hdbench.errors import DeviceError
 
 DEADLINE_S = 0.1
 
 # what the frame of a reply to a read can show; the others change values, or are of other frames
-CONTROL_FAULTS = sorted({*FAULT_KINDS} - {"mutate", "header", "noise", "word-swap", "echo"})
-
-
-def noted_waits(link):
-    """Return the list in which every transaction of a link notes until when it may wait."""
-    untils_s, transact = [], link.transact
-
-    def noting(pdu, check, until_s):
-        untils_s.append(until_s)
-        return transact(pdu, check, until_s)
-
-    link.transact = noting
-    return untils_s
-
-
-@pytest.mark.parametrize("kind", CONTROL_FAULTS)
-def test_no_fault_of_the_control_port_gives_a_wrong_value(kind):
-    with served() as device:
-        mangler = Mangler(kind, TcpFraming(), share=0.5, seed=1, late_s=0.15)
-        with faulty_tcp(device.host, device.port, mangler) as (host, port):
-            link = connect(parse_address(f"tcp://{host}:{port}"))
-            untils_s, asked_s = noted_waits(link), []
-            clock = lambda: asked_s.append(time.monotonic()) or asked_s[-1]  # noqa: E731
-            control = Control(link, deadline_s=DEADLINE_S, clock=clock)
-            good = bad = 0
-            for _ in range(25):
-                asked_s.clear()
-                try:
-                    found = control.read(TEST, IDENTITY[3])
-                    assert found == [0x00112233, 3]
-                    good += 1
-                except DeviceError:
-                    bad += 1
-                assert max(untils_s) <= asked_s[0] + DEADLINE_S
-            control.close()
-        assert mangler.changed > 0
-        assert good + bad == 25
-        if kind == "duplicate":
-            assert good > 0
 
 
 @pytest.mark.parametrize("kind", ["echo", "function", "drop", "truncate", "transaction"])
@@ -265,11 +227,6 @@ def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
         read = values(read_all(daq))
         assert np.ptp(read[:, 0]) == 0.0
         assert np.ptp(read[:, 1]) > 0.0
-
-
-def test_nobody_there_is_told():
-    with driver(1) as daq, pytest.raises(DeviceError, match="no connection"):
-        daq.identity()
 
 
 def test_the_stream_port_stands_200_above_the_other():

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hdbench.drivers.labjack.packets import PacketParser, StreamFault
 from hdbench.drivers.labjack.scanlist import InputScale, ScanLayout, nominal_scale, scale_from_flash
-from hdbench.drivers.labjack.stream import ScanAssembler
+from hdbench.drivers.labjack.stream import PacketParser, ScanAssembler, StreamFault
 
 # three words a scan: an input, then the core timer; 1 kHz is 40 000 ticks of 25 ns
 LAYOUT = ScanLayout(3, 1, 40_000.0)

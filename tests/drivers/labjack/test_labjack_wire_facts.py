@@ -9,7 +9,7 @@ import pytest
 from labjackkit import served
 from pymodbus.client import ModbusTcpClient
 
-from hdbench.devices.wire import ExceptionReply, FrameError
+from hdbench.devices.wire.link import ExceptionReply, FrameError
 from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.control import feedback_request
 

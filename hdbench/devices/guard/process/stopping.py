@@ -9,8 +9,8 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-from hdbench.devices.wire import Address, ExceptionReply, FrameError, Link, ReplyForm, connect
-from hdbench.devices.wire.address import SerialSettings
+from hdbench.devices.wire.address import Address, SerialSettings
+from hdbench.devices.wire.link import ExceptionReply, FrameError, Link, ReplyForm, connect
 from hdbench.errors import HdbenchError
 from hdbench.system.lines import can_share_ports
 

@@ -12,7 +12,7 @@ import threading
 import time
 from typing import Any, NoReturn
 
-from hdbench.devices.wire import dial, parse_address
+from hdbench.devices.wire.address import dial, parse_address
 from hdbench.system.files import sync_file
 from hdbench.system.processes import ignore_signals
 
@@ -205,7 +205,6 @@ def main() -> NoReturn:
     try:
         port, secret = sys.stdin.readline().split()
         link = dial(("127.0.0.1", int(port)), CONNECT_S)
-        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         link.settimeout(None)
         link.sendall(secret.encode())
     except (OSError, ValueError):

@@ -13,8 +13,13 @@ from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory
 from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.devices.registers import Space
-from hdbench.drivers.labjack.emulator.streaming import CORE_TIMER_HZ, StreamEngine, Wiring
-from hdbench.drivers.labjack.emulator.watchdog import DeviceWatchdog, RefusedError
+from hdbench.drivers.labjack.emulator.streaming import (
+    CORE_TIMER_HZ,
+    DeviceWatchdog,
+    RefusedError,
+    StreamEngine,
+    Wiring,
+)
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.errors import DeviceError
 

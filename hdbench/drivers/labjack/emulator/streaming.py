@@ -11,10 +11,94 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.emulator.instrument import ElectricalSamples, Input, SimulatedInstrument
-from hdbench.devices.emulator.memory import Memory
-from hdbench.drivers.labjack.emulator.watchdog import RefusedError
+from hdbench.devices.emulator.memory import DEVICE_FAILURE, Memory
+from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.records.trace import FloatArray
+
+
+class RefusedError(ModbusRefusedError):
+    """A request that the device answers with an exception."""
+
+    def __init__(self, detail: int, exception: int = DEVICE_FAILURE) -> None:
+        super().__init__(exception)
+        self.detail = detail
+
+
+_GUARDED, _TIMEOUT, _STRICT, _KEY, _CLEAR = 61600, 61604, 61610, 61612, 61614
+_RESET, _DIO, _DIO_STATE, _DIO_DIRECTION, _DIO_INHIBIT = 61620, 61630, 61632, 61634, 61636
+_ADVANCED, _STARTUP = 61602, 61606
+_DAC = ((61640, 61642, 0), (61650, 61652, 1))
+_SETTINGS = (
+    *(_ADVANCED, _TIMEOUT, _STARTUP, _STRICT, _KEY, _RESET),
+    *(_DIO, _DIO_STATE, _DIO_DIRECTION, _DIO_INHIBIT),
+    *(enable for enable, _, _ in _DAC),
+)
+# the device's own codes: a time of zero, and writing settings while it runs
+_BAD_TIME, _RUNNING = 2670, 2671
+
+
+@dataclass(eq=False)
+class DeviceWatchdog:
+    """Counts down in real time, and drives outputs to what its registers say."""
+
+    memory: Memory
+    clock: Callable[[], float]
+    act: Callable[[int, int, int, dict[int, float]], None]
+
+    def __post_init__(self) -> None:
+        self.trips = 0
+        self.flash_writes = 0
+        self._fed_s = self.clock()
+        self.memory.hold_all(_SETTINGS, "u32", on_write=self._set)
+        self.memory.hold_all((value for _, value, _ in _DAC), "f32", on_write=self._set)
+        self.memory.hold(_GUARDED, "u32", on_write=self._enable)
+        self.memory.hold(_CLEAR, "u32", on_write=self._clear, readable=False)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it counts."""
+        return bool(self.memory.value(_GUARDED))
+
+    def heard(self) -> None:
+        """Note any communication: without strict mode that is enough."""
+        if not self.memory.value(_STRICT):
+            self._fed_s = self.clock()
+
+    def tick(self) -> None:
+        """Act when the time is up, and start again."""
+        if not self.enabled or self.clock() - self._fed_s <= self.memory.value(_TIMEOUT):
+            return
+        self._fed_s = self.clock()
+        self.trips += 1
+        dacs = {
+            number: float(self.memory.value(value))
+            for enable, value, number in _DAC
+            if self.memory.value(enable)
+        }
+        state = direction = 0
+        inhibit = -1
+        if self.memory.value(_DIO):
+            state = int(self.memory.value(_DIO_STATE))
+            direction = int(self.memory.value(_DIO_DIRECTION))
+            inhibit = int(self.memory.value(_DIO_INHIBIT))
+        self.act(state, direction, inhibit, dacs)
+
+    def _set(self, value: float) -> None:
+        if self.enabled:
+            raise RefusedError(_RUNNING)
+        self.flash_writes += 1
+
+    def _enable(self, value: float) -> None:
+        if value and not self.memory.value(_TIMEOUT):
+            raise RefusedError(_BAD_TIME)
+        self.flash_writes += 1
+        self._fed_s = self.clock()
+
+    def _clear(self, value: float) -> None:
+        if not self.memory.value(_STRICT) or value == self.memory.value(_KEY):
+            self._fed_s = self.clock()
+
 
 # nominal constants of the T7's high-speed converter, one group per gain, and of the T4's inputs
 _T7_SLOPE, _T7_CENTER = 3.1580578e-4, 33523.0
@@ -173,24 +257,20 @@ def actual_rate_hz(rate_hz: float) -> float:
     return 80e6 / (80_000 * 65536)
 
 
+@dataclass(eq=False)
 class StreamEngine:
     """One stream session."""
 
-    def __init__(
-        self,
-        memory: Memory,
-        wiring: Wiring,
-        ticks: Callable[[], int],
-        levels: Callable[[], int],
-    ) -> None:
+    memory: Memory
+    wiring: Wiring
+    ticks: Callable[[], int]
+    levels: Callable[[], int]
+
+    def __post_init__(self) -> None:
         self.running = False
         self.start_ticks = 0
         # whether the scan that marks the joint counts as skipped, too: no document says so
         self.count_joint = False
-        self._memory = memory
-        self._wiring = wiring
-        self._ticks = ticks
-        self._levels = levels
         self._order: StreamOrder | None = None
         self._rows: deque[NDArray[np.uint16]] = deque()
         self._number = 0
@@ -198,15 +278,15 @@ class StreamEngine:
         self._skipped: int | None = None
         self._joint: int | None = None
         self._status = 0
-        rate = memory.hold(_RATE, "f32")
+        rate = self.memory.hold(_RATE, "f32")
         rate.on_read = lambda: actual_rate_hz(rate.value)
-        memory.hold_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
-        memory.hold(_SETTLING, "f32")
-        if wiring.model == "T7":
+        self.memory.hold_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
+        self.memory.hold(_SETTLING, "f32")
+        if self.wiring.model == "T7":
             # a T4 has no such register: it always goes on
-            memory.hold(_STOP_WHEN_FULL, "u32")
-        memory.hold(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
-        memory.hold(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
+            self.memory.hold(_STOP_WHEN_FULL, "u32")
+        self.memory.hold(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
+        self.memory.hold(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
 
     def _switch(self, value: float) -> None:
         if bool(value) == self.running:
@@ -218,13 +298,13 @@ class StreamEngine:
 
     def _ordered(self) -> StreamOrder:
         """Return what the registers ask for."""
-        value, t7 = self._memory.value, self._wiring.model == "T7"
+        value, t7 = self.memory.value, self.wiring.model == "T7"
         entries = min(int(value(_ENTRIES)), _LONGEST)
         return StreamOrder(
             rate_hz=actual_rate_hz(float(value(_RATE))),
             addresses=tuple(int(value(_LIST + 2 * n)) for n in range(entries)),
             samples_per_packet=int(value(_PER_PACKET)),
-            buffer_samples=(int(value(_BUFFER)) or _BUFFER_BYTES[self._wiring.model]) // 2,
+            buffer_samples=(int(value(_BUFFER)) or _BUFFER_BYTES[self.wiring.model]) // 2,
             n_scans=int(value(_SCANS)),
             stop_when_full=t7 and bool(value(_STOP_WHEN_FULL)),
             ranges_v={number: self._range_v(number) for number in range(_INPUTS)},
@@ -232,7 +312,7 @@ class StreamEngine:
 
     def _range_v(self, number: int) -> float:
         # ranges travel as 32-bit floats; 0 is the widest
-        value = float(self._memory.value(40000 + 2 * number)) or 10.0
+        value = float(self.memory.value(40000 + 2 * number)) or 10.0
         return min(_GAINS, key=lambda known: abs(known - value))
 
     def _start(self, order: StreamOrder) -> None:
@@ -242,14 +322,14 @@ class StreamEngine:
         self._number = self._taken = 0
         self._skipped = self._joint = None
         self._status = 0
-        self.start_ticks = self._ticks() + round(CORE_TIMER_HZ / order.rate_hz)
-        self._wiring.instrument.begin(1.0 / order.rate_hz)
+        self.start_ticks = self.ticks() + round(CORE_TIMER_HZ / order.rate_hz)
+        self.wiring.instrument.begin(1.0 / order.rate_hz)
         self.running = True
 
     def stop(self) -> None:
         """Stop scanning; what is in the buffer is gone."""
         if self.running:
-            self._wiring.instrument.end()
+            self.wiring.instrument.end()
         self.running = False
         self._rows.clear()
 
@@ -271,7 +351,7 @@ class StreamEngine:
         return packets
 
     def _scan(self, order: StreamOrder) -> None:
-        samples = self._wiring.instrument.take(_TAKE)
+        samples = self.wiring.instrument.take(_TAKE)
         if not len(samples) or self._status:
             return
         words = np.stack([self._column(samples, order, n) for n in range(len(order.addresses))], 1)
@@ -320,9 +400,9 @@ class StreamEngine:
     ) -> NDArray[np.uint16]:
         address = order.addresses[position]
         if address < _AIN_END:
-            return self._wiring.words(samples, address // 2, order.ranges_v[address // 2])
+            return self.wiring.words(samples, address // 2, order.ranges_v[address // 2])
         if address == _LINES:
-            return np.full(len(samples), self._levels() & 0xFFFF, dtype=np.uint16)
+            return np.full(len(samples), self.levels() & 0xFFFF, dtype=np.uint16)
         # the upper half of a 32-bit value stands at the capture address right behind it
         upper = address == _CAPTURE
         if upper:
@@ -345,13 +425,13 @@ class StreamEngine:
         entries = len(order.addresses)
         if not 1 <= entries <= 128:
             raise RefusedError(2600)
-        if not 0.0 < order.rate_hz * entries <= _LIMIT_HZ[self._wiring.model]:
+        if not 0.0 < order.rate_hz * entries <= _LIMIT_HZ[self.wiring.model]:
             raise RefusedError(2608)
         if order.buffer_samples not in [2**n for n in range(8, 15)]:
             raise RefusedError(2615)
         if not 1 <= order.samples_per_packet <= 512:
             raise RefusedError(2618)
-        counter = 3000 + 2 * self._wiring.counter_line
+        counter = 3000 + 2 * self.wiring.counter_line
         known = {_LINES, _CAPTURE, _TIMER, counter}
         for position, address in enumerate(order.addresses):
             analog = address < _AIN_END and address % 2 == 0
