@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.session.evaluation import Evaluation, evaluate, evaluate_stored
+from hdbench.session.evaluation import Evaluation, evaluate_stored
 from hdbench.session.experiments import make_plan, run_experiment
 from hdbench.session.options import BenchOptions, RunOutcome
 from hdbench.session.plans import Plan
@@ -14,7 +14,6 @@ __all__ = [
     "Evaluation",
     "Plan",
     "RunOutcome",
-    "evaluate",
     "evaluate_stored",
     "make_plan",
     "run_experiment",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.evaluation import EvaluatedResult
@@ -91,52 +92,10 @@ def evaluate(
     profile: Profile,
     scale: TorqueScale,
     model: FilterModel,
-    *,
-    run: str,
-    doubts: Sequence[str] = (),
-    stretch: Stretch | None = None,
+    **told: Any,
 ) -> Evaluation:
-    """Evaluate one experiment.
-
-    Parameters
-    ----------
-    kind : str
-        ``calibration``, ``misalignment`` or ``ripple``.
-    records : Trace or Loads
-        Its data.
-    profile : Profile
-        The bench.
-    scale : TorqueScale
-        The gain that scaled the torque.
-    model : FilterModel
-        The filter.
-    run : str
-        Identifier of the run; the filter's provenance names it.
-    doubts : sequence of str
-        Reasons to doubt the data.
-    stretch : Stretch or None
-        Part of a ripple run; None takes all of it.
-
-    Returns
-    -------
-    Evaluation
-        Result, data and the filter with what this experiment adds.
-
-    Raises
-    ------
-    DataError
-        If the data are of another kind or cannot be evaluated.
-    """
-    result = evaluate_record(
-        kind,
-        records,
-        profile,
-        scale=scale,
-        model=model,
-        stretch=stretch,
-        run=run,
-        doubts=tuple(doubts),
-    )
+    """Evaluate one experiment, and add what it found to the filter."""
+    result = evaluate_record(kind, records, profile, scale=scale, model=model, **told)
     return Evaluation(result, records, build_filter_model(model, **{kind: result.to_json()}))
 
 
@@ -217,8 +176,9 @@ def evaluate_stored(
             scale,
             model,
             run=folder.run_id,
-            doubts=[*sign_doubts(records), *channels],
+            doubts=(*sign_doubts(records), *channels),
             stretch=stretch,
+            **({"imported": origin["imported"]} if "imported" in origin else {}),
         )
     except DataError as error:
         folder.finish("complete", f"not evaluated: {error.what}", kept)
@@ -229,8 +189,6 @@ def evaluate_stored(
                 fix="bring the file in with the right columns and units: hdbench import --map",
             ) from error
         raise
-    if "imported" in origin:
-        found = replace(found, result=replace(found.result, imported=origin["imported"]))
     store_evaluation(folder, found, kept, f"evaluated from {source}")
     return folder, found
 

@@ -23,8 +23,8 @@ from hdbench.session.filters import choose_filter
 from hdbench.session.options import BenchOptions, RunOutcome, Task
 from hdbench.session.plans import Plan, check_plan, misalignment_plan, motion_plan, ripple_plan
 from hdbench.session.run import Run, kept
-from hdbench.session.runner import Progress
 from hdbench.session.stop import StopSignals, listen
+from hdbench.session.watching import Progress
 
 
 def make_plan(
@@ -104,14 +104,21 @@ def run_experiment(
     scale = _scale(profile, options)
     model = choose_filter(profile, options.filter_name, misalignment=options.misalignment)
     with listen() as stop:
-        folder = RunFolder.create(
-            options.out, kind=kind, profile=profile, details=_details(plan, options)
-        )
+        details = {
+            "plan": plan.to_dict(),
+            "simulation": {"plant": options.plant, "seed": options.seed},
+            "bench": {"address": options.address, "realtime": options.realtime},
+        }
+        folder = RunFolder.create(options.out, kind=kind, profile=profile, details=details)
         with kept(folder):
             keep_reserve(folder.path)
             versions = {**folder.manifest["versions"], "kernel": kernel_name()}
             folder.update(calibration=scale.to_dict(), filter=model.to_dict(), versions=versions)
-            _keep_plan(folder, plan)
+            # what a resumed run needs to go on with
+            if plan.points:
+                write_points(folder.path, plan.points, plan.preset or "report")
+            elif plan.motion is not None:
+                write_plan(folder.path / PLAN_NAME, plan.motion)
             run = Run(Task(kind, profile, options, plan, scale, model, folder, stop, progress))
             run.measure()
             return run.evaluate()
@@ -128,22 +135,6 @@ def _scale(profile: Profile, options: BenchOptions) -> TorqueScale:
         now=utc_now(),
         allow_expired=options.allow_expired,
     )
-
-
-def _details(plan: Plan, options: BenchOptions) -> dict[str, Any]:
-    return {
-        "plan": plan.to_dict(),
-        "simulation": {"plant": options.plant, "seed": options.seed},
-        "bench": {"address": options.address, "realtime": options.realtime},
-    }
-
-
-def _keep_plan(folder: RunFolder, plan: Plan) -> None:
-    """Write what a resumed run needs to go on with: the points of a calibration, a plan file."""
-    if plan.points:
-        write_points(folder.path, plan.points, plan.preset or "report")
-    elif plan.motion is not None:
-        write_plan(folder.path / PLAN_NAME, plan.motion)
 
 
 def stored_profile(folder: RunFolder) -> Profile:
@@ -179,18 +170,26 @@ def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutc
     standstill, because speed, angle and load of the moment it broke off do not come back, and its
     samples are kept beside the others, marked.
     """
-    folder = RunFolder.open(path)
-    _check_status(folder)
+    folder = _resumable(path)
     profile = stored_profile(folder)
     plan = _stored_plan(folder, profile)
     with listen() as stop:
-        journal, content = _open_journal(folder)
+        if folder.journal.exists():
+            journal, content = JournalWriter.resume(folder.journal)
+        else:
+            journal, content = JournalWriter(folder.journal), JournalContent((), 0, None)
         try:
             # another process may have gone on with the run since it was opened
-            folder = RunFolder.open(path)
-            _check_status(folder)
+            folder = _resumable(path)
             folder.reopen()
-            _note_session(journal, content, folder)
+            noted = {
+                "event": "resumed",
+                "session": len(folder.manifest["sessions"]) + 1,
+                "utc": utc_text(utc_now()),
+                "cut_bytes": content.torn_bytes,
+                "damage": content.problem,
+            }
+            journal.append("event", {}, noted)
             task = _task(folder, profile, plan, options, content, stop, progress)
         except BaseException:
             journal.close()
@@ -201,7 +200,8 @@ def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutc
             return run.evaluate()
 
 
-def _check_status(folder: RunFolder) -> None:
+def _resumable(path: Path) -> RunFolder:
+    folder = RunFolder.open(path)
     status = folder.status()
     if status == "running":
         raise BusyError(
@@ -215,23 +215,7 @@ def _check_status(folder: RunFolder) -> None:
             where=str(folder.path),
             fix="start a new run; only incomplete runs can be resumed",
         )
-
-
-def _open_journal(folder: RunFolder) -> tuple[JournalWriter, JournalContent]:
-    if folder.journal.exists():
-        return JournalWriter.resume(folder.journal)
-    return JournalWriter(folder.journal), JournalContent((), 0, None)
-
-
-def _note_session(journal: JournalWriter, content: JournalContent, folder: RunFolder) -> None:
-    noted: dict[str, Any] = {
-        "event": "resumed",
-        "session": len(folder.manifest["sessions"]) + 1,
-        "utc": utc_text(utc_now()),
-        "cut_bytes": content.torn_bytes,
-        "damage": content.problem,
-    }
-    journal.append("event", {}, noted)
+    return folder
 
 
 def _stored_plan(folder: RunFolder, profile: Profile) -> Plan:

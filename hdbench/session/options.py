@@ -17,9 +17,8 @@ from hdbench.session.calibrating.conversation import Conversation
 from hdbench.session.calibrating.plan import Preset
 from hdbench.session.evaluation import Evaluation
 from hdbench.session.plans import Plan
-from hdbench.session.runner import Progress
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Watcher
+from hdbench.session.watching import Progress, Watcher
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from hdbench.devices import Identity, open_bench
+from hdbench.devices.bench import SafeState
 from hdbench.errors import (
     DataError,
     DeviceError,
@@ -66,6 +67,15 @@ class Run:
         """Where everything is kept."""
         return self.task.folder
 
+    @property
+    def _safe(self) -> SafeState | None:
+        """What was read back after making the bench safe; None while nothing walked."""
+        return None if self.walker is None else self.walker.safe
+
+    @property
+    def _is_safe(self) -> bool:
+        return self._safe is not None and self._safe.confirmed
+
     def measure(self) -> None:
         """Walk the plan; on any way out the bench is safe and the run is marked."""
         try:
@@ -86,13 +96,12 @@ class Run:
             )
             raise self._ended("incomplete", storage) from error
         except Exception as error:
-            safe = None if self.walker is None else self.walker.safe
-            if self.walker is None or (safe is not None and safe.confirmed):
+            if self.walker is None or self._is_safe:
                 raise
             # a bug, but the motor may turn: that is told first
             bug = DeviceError(f"{type(error).__name__}: {error}", where="hdbench", fix="report it")
             raise self._ended("incomplete", bug) from error
-        if self.walker is None or self.walker.safe is None or not self.walker.safe.confirmed:
+        if not self._is_safe:
             raise self._ended("incomplete", self._unsafe(None))
 
     def _measure(self) -> None:
@@ -135,14 +144,12 @@ class Run:
     # -- the ways out -----------------------------------------------------------------------------
 
     def _unsafe(self, cause: HdbenchError | None) -> UnsafeError:
-        safe = self.walker.safe if self.walker else None
-        detail = safe.detail if safe else "no answer from the bench"
+        detail = self._safe.detail if self._safe else "no answer from the bench"
         because = f"; after: {cause.what}" if cause else ""
         return UnsafeError.unconfirmed(detail + because, where=str(self.folder.path))
 
     def _ended(self, status: str, error: HdbenchError) -> HdbenchError:
-        walker = self.walker
-        if walker is not None and not (walker.safe and walker.safe.confirmed):
+        if self.walker is not None and not self._is_safe:
             error = self._unsafe(error)
         self._keep(status, error.what)
         return error

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
+
+from pydantic import TypeAdapter, ValidationError
 
 from hdbench.errors import DataError
 from hdbench.records.jsonfile import read_json, write_json
@@ -50,42 +53,14 @@ class Point:
         )
 
 
-def _damaged(what: str, where: str) -> DataError:
-    fix = "restore the file from a copy, or start the calibration anew"
-    return DataError(what, where=where, fix=fix)
-
-
-def point_from_dict(body: object, where: str) -> Point:
-    """Return a point of a plan file."""
-    if not isinstance(body, dict):
-        raise _damaged("a point of the plan is damaged: no table", where)
-    needed = {"float": (int, float), "int": (int,), "str": (str,), "Role": (str,)}
-    values = {field.name: body.get(field.name) for field in fields(Point)}
-    wrong = [
-        field.name
-        for field in fields(Point)
-        if not isinstance(values[field.name], needed[str(field.type)])
-        or isinstance(values[field.name], bool)
-    ]
-    if wrong:
-        what = f"{', '.join(wrong)} missing or of another type"
-        raise _damaged(f"a point of the plan is damaged: {what}", where)
-    return Point(**values)  # type: ignore[arg-type]
-
-
 PLAN_NAME = "plan.json"
 SCHEMA = "hdbench/calibration-plan/1"
 
 
-def write_points(folder: Path, points: tuple[Point, ...], preset: str) -> Path:
+def write_points(folder: Path, points: tuple[Point, ...], preset: str) -> None:
     """Write the sequence into a run folder."""
-    body: dict[str, Any] = {
-        "schema": SCHEMA,
-        "preset": preset,
-        "points": [asdict(point) for point in points],
-    }
-    write_json(folder / PLAN_NAME, body)
-    return folder / PLAN_NAME
+    listed = [asdict(point) for point in points]
+    write_json(folder / PLAN_NAME, {"schema": SCHEMA, "preset": preset, "points": listed})
 
 
 def read_points(folder: Path) -> tuple[Point, ...]:
@@ -97,12 +72,18 @@ def read_points(folder: Path) -> tuple[Point, ...]:
             where=str(folder),
             fix="start the calibration anew; what was read is kept in this run",
         )
-    listed = read_json(path, SCHEMA).get("points")
-    if not isinstance(listed, list) or not listed:
-        raise _damaged("no points; needed: the sequence of the calibration", str(path))
-    points = tuple(
-        point_from_dict(body, f"{path}: point {place}") for place, body in enumerate(listed, 1)
-    )
-    if [point.number for point in points] != list(range(1, len(points) + 1)):
-        raise _damaged("the points are not numbered in order", str(path))
+    listed = json.dumps(read_json(path, SCHEMA).get("points"))
+    points: tuple[Point, ...] = ()
+    problem = ""
+    try:
+        points = TypeAdapter(tuple[Point, ...]).validate_json(listed, strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        problem = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    if not points or [point.number for point in points] != list(range(1, len(points) + 1)):
+        raise DataError(
+            f"the points of the plan are damaged: {problem or 'not numbered in order'}",
+            where=str(path),
+            fix="restore the file from a copy, or start the calibration anew",
+        )
     return points
