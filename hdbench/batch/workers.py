@@ -11,7 +11,8 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from types import ModuleType
+from importlib import import_module
+from itertools import islice
 from typing import Any
 
 from hdbench.errors import DeviceError, UsageError
@@ -89,17 +90,9 @@ class Outcome:
     lost: bool = False
 
 
-def require_distributed(where: str) -> ModuleType:
-    """Return dask's library, or name the extra that brings it."""
-    try:
-        import distributed
-    except ImportError as error:
-        raise UsageError(
-            "dask.distributed is not installed; needed to run over many inputs",
-            where=where,
-            fix="pip install 'hdbench[batch]'",
-        ) from error
-    return distributed
+def _library() -> Any:
+    # it has types for a part of its calls only
+    return import_module("distributed")
 
 
 def run_tasks(
@@ -125,7 +118,7 @@ def run_tasks(
     Raises
     ------
     UsageError
-        If dask.distributed is not installed, or the workers have another version of hdbench.
+        If the workers have another version of hdbench.
     DeviceError
         If the scheduler cannot be reached, is lost, or has no worker.
     Exception
@@ -135,14 +128,13 @@ def run_tasks(
     -----
     Closing the generator, Ctrl-C too, stops a local cluster with what it is doing.
     """
-    distributed = require_distributed("hdbench batch")
     import dask
 
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(_CONFIG))
-        client = stack.enter_context(_client(distributed, workers))
+        client = stack.enter_context(_client(workers))
         try:
-            yield from _run(distributed, client, function, iter(tasks), workers)
+            yield from _run(client, function, iter(tasks), workers)
         except OSError as error:
             if workers.scheduler is None:
                 raise
@@ -150,12 +142,9 @@ def run_tasks(
 
 
 def _run(
-    distributed: ModuleType,
-    client: Any,
-    function: Callable[[Any], Any],
-    tasks: Iterator[Any],
-    workers: Workers,
+    client: Any, function: Callable[[Any], Any], tasks: Iterator[Any], workers: Workers
 ) -> Iterator[Outcome]:
+    distributed = _library()
     held: dict[Any, Outcome] = {}
     seats = _Seats(client, workers)
 
@@ -165,12 +154,8 @@ def _run(
 
     def fill() -> None:
         # one waits at the scheduler, so that no worker waits for us
-        while len(held) <= seats.count():
-            for task in tasks:
-                start(task, 0)
-                break
-            else:
-                return
+        for task in islice(tasks, max(0, seats.count() + 1 - len(held))):
+            start(task, 0)
 
     fill()
     while held:
@@ -250,9 +235,10 @@ def _alone(function: Callable[[Any], Any], task: Any) -> Any:
 
 
 @contextmanager
-def _client(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
+def _client(workers: Workers) -> Iterator[Any]:
+    distributed = _library()
     if workers.scheduler is None:
-        with _local_cluster(distributed, workers) as cluster:
+        with _local_cluster(workers) as cluster:
             client = distributed.Client(cluster)
             try:
                 yield client
@@ -278,7 +264,7 @@ def _client(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
 
 
 @contextmanager
-def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
+def _local_cluster(workers: Workers) -> Iterator[Any]:
     from dask.utils import parse_bytes
 
     memory = workers.memory
@@ -291,7 +277,7 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
     with _quiet_logs(), _loop_without_ctrl_c() as loop:
         # only this computer can reach it
         with undisturbed(*_STOPS):
-            cluster = distributed.LocalCluster(
+            cluster = _library().LocalCluster(
                 n_workers=0,
                 threads_per_worker=1,
                 processes=True,

@@ -113,14 +113,7 @@ class Limits:
     step: float
 
 
-def control_chart(
-    values: FloatArray,
-    own_stds: FloatArray | None = None,
-    *,
-    weight: float = EWMA_WEIGHT,
-    center: float | None = None,
-    std: float | None = None,
-) -> Chart:
+def control_chart(values: FloatArray, own_stds: FloatArray) -> Chart:
     """Return the charts of one history.
 
     Notes
@@ -134,22 +127,17 @@ def control_chart(
     ----------
     NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2.2 (individuals) and 6.3.2.4 (EWMA).
     """
-    y = np.asarray(values, dtype=np.float64)
-    own = np.zeros(y.size) if own_stds is None else np.asarray(own_stds, dtype=np.float64)
-    if std is None:
-        all_stds, between = _stds(y[None, :], own)
-        stds, between_std = all_stds[0], float(between[0])
-    else:
-        stds, between_std = np.full(y.size, std), std
-    middle = float(_centers(y[None, :], stds[None, :])[0]) if center is None else center
-    ewma, ewma_stds = _ewma(y[None, :], np.array([middle]), stds[None, :], weight)
+    y = values[None, :]
+    stds, between = _stds(y, own_stds)
+    center = _centers(y, stds)
+    ewma, ewma_stds = _ewma(y, center, stds)
     return Chart(
-        y,
-        middle,
-        stds,
-        between_std,
-        np.abs(np.diff(y)),
-        _ranges(stds[None, :])[0],
+        values,
+        float(center[0]),
+        stds[0],
+        float(between[0]),
+        np.abs(np.diff(values)),
+        _ranges(stds)[0],
         ewma[0],
         ewma_stds[0],
     )
@@ -168,13 +156,15 @@ def find_step(values: FloatArray, stds: FloatArray) -> Step:
     total = _mean_odds(odds[None, :])[0]
     share = np.exp(odds - odds.max())
     share /= share.sum()
-    within = np.flatnonzero(_densest(share, 0.95)) + _LEAST_LEVEL
+    likeliest = np.argsort(share)[::-1]
+    count = int(np.searchsorted(np.cumsum(share[likeliest]), 0.95)) + 1
+    within = likeliest[:count] + _LEAST_LEVEL
     return Step(
         int(np.argmax(odds)) + _LEAST_LEVEL,
         float(1.0 / (1.0 + math.exp(-total))) if total < 700.0 else 1.0,
         float(total),
-        int(within[0]),
-        int(within[-1]),
+        int(within.min()),
+        int(within.max()),
     )
 
 
@@ -220,7 +210,7 @@ def _largest(y: FloatArray, own: FloatArray) -> FloatArray:
     """Return the largest statistic of each history on each chart, shape (m, 4)."""
     stds, _ = _stds(y, own)
     center = _centers(y, stds)
-    ewma, ewma_stds = _ewma(y, center, stds, EWMA_WEIGHT)
+    ewma, ewma_stds = _ewma(y, center, stds)
     return np.column_stack(
         [
             np.max(np.abs(y - center[:, None]) / stds, axis=1),
@@ -262,7 +252,7 @@ def _ranges(stds: FloatArray) -> FloatArray:
 
 
 def _ewma(
-    y: FloatArray, center: FloatArray, stds: FloatArray, weight: float
+    y: FloatArray, center: FloatArray, stds: FloatArray, weight: float = EWMA_WEIGHT
 ) -> tuple[FloatArray, FloatArray]:
     level, variance = np.array(center), np.zeros(len(y))
     levels, variances = np.empty_like(y), np.empty_like(y)
@@ -299,12 +289,3 @@ def _mean_odds(odds: FloatArray) -> FloatArray:
     top = odds.max(axis=1)
     mean: FloatArray = top + np.log(np.mean(np.exp(odds - top[:, None]), axis=1))
     return mean
-
-
-def _densest(share: FloatArray, whole: float) -> FloatArray:
-    """Return which places make up the share `whole`, likeliest first."""
-    order = np.argsort(share)[::-1]
-    count = int(np.searchsorted(np.cumsum(share[order]), whole)) + 1
-    chosen = np.zeros(share.size)
-    chosen[order[:count]] = 1.0
-    return chosen
