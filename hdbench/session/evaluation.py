@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,25 +66,6 @@ def sign_doubts(records: Trace | Loads) -> list[str]:
     return [f"{len(wrong)} torques have the sign of the other direction (experiments {names})"]
 
 
-@dataclass(frozen=True, slots=True)
-class Evaluation:
-    """What came out of one experiment.
-
-    Parameters
-    ----------
-    result : CalibrationResult, MisalignmentResult or RippleResult
-        The result as result.json keeps it.
-    records : Trace or Loads
-        What was evaluated.
-    filter_model : FilterModel
-        The filter used, with what this experiment adds to it.
-    """
-
-    result: EvaluatedResult
-    records: Trace | Loads
-    filter_model: FilterModel
-
-
 def evaluate(
     kind: str,
     records: Trace | Loads,
@@ -93,19 +73,23 @@ def evaluate(
     scale: TorqueScale,
     model: FilterModel,
     **told: Any,
-) -> Evaluation:
-    """Evaluate one experiment, and add what it found to the filter."""
+) -> tuple[EvaluatedResult, FilterModel]:
+    """Evaluate one experiment; return its result, and the filter with what it adds."""
     result = evaluate_record(kind, records, profile, scale=scale, model=model, **told)
-    return Evaluation(result, records, build_filter_model(model, **{kind: result.to_json()}))
+    return result, build_filter_model(model, **{kind: result.to_json()})
 
 
 def store_evaluation(
-    folder: RunFolder, found: Evaluation, files: Sequence[Path], reason: str
+    folder: RunFolder,
+    found: tuple[EvaluatedResult, FilterModel],
+    files: Sequence[Path],
+    reason: str,
 ) -> None:
     """Write result and filter model into a run folder and close the run."""
-    write_json(folder.result, found.result.to_json())
+    result, model = found
+    write_json(folder.result, result.to_json())
     filter_file = folder.path / "filter.json"
-    write_json(filter_file, found.filter_model.to_dict())
+    write_json(filter_file, model.to_dict())
     folder.finish("complete", reason, [*files, folder.result, filter_file])
 
 
@@ -119,7 +103,7 @@ def evaluate_stored(
     misalignment: Path | None = None,
     filter_name: str | None = None,
     stretch: Stretch | None = None,
-) -> tuple[RunFolder, Evaluation]:
+) -> tuple[RunFolder, EvaluatedResult]:
     """Evaluate a stored file or run again, into a run folder of its own.
 
     Parameters
@@ -146,7 +130,7 @@ def evaluate_stored(
     -------
     folder : RunFolder
         The new run, with a copy of the input.
-    evaluation : Evaluation
+    result : CalibrationResult, MisalignmentResult or RippleResult
         What came out.
 
     Raises
@@ -190,7 +174,7 @@ def evaluate_stored(
             ) from error
         raise
     store_evaluation(folder, found, kept, f"evaluated from {source}")
-    return folder, found
+    return folder, found[0]
 
 
 def _keep_input(

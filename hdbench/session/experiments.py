@@ -10,20 +10,32 @@ from typing import Any
 from hdbench.diagnosis.planning.planfile import read_plan, write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.errors import BusyError, DataError, UsageError
-from hdbench.filter import FilterModel, kernel_name
+from hdbench.filter import kernel_name
 from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import checked_age, profile_scale, read_calibration, stored_scale
 from hdbench.records import TorqueScale
 from hdbench.records.journal import JournalContent, JournalWriter
 from hdbench.records.runfolder import RunFolder, utc_now, utc_text
 from hdbench.records.storage import keep_reserve
-from hdbench.session.calibrating.plan import Preset, calibration_plan, sequence_plan
-from hdbench.session.calibrating.points import PLAN_NAME, read_points, write_points
+from hdbench.session.calibrating.plan import (
+    Preset,
+    calibration_plan,
+    read_points,
+    sequence_plan,
+    write_points,
+)
 from hdbench.session.filters import choose_filter
 from hdbench.session.options import BenchOptions, RunOutcome, Task
-from hdbench.session.plans import Plan, check_plan, misalignment_plan, motion_plan, ripple_plan
+from hdbench.session.plans import (
+    PLAN_NAME,
+    Plan,
+    check_plan,
+    misalignment_plan,
+    motion_plan,
+    ripple_plan,
+)
 from hdbench.session.run import Run, kept
-from hdbench.session.stop import StopSignals, listen
+from hdbench.session.stop import listen
 from hdbench.session.watching import Progress
 
 
@@ -173,6 +185,9 @@ def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutc
     folder = _resumable(path)
     profile = stored_profile(folder)
     plan = _stored_plan(folder, profile)
+    scale = stored_scale(folder.manifest.get("calibration"), folder.path) or profile_scale(profile)
+    model = choose_filter(profile, None, source=folder.path)
+    asked = _as_before(folder, replace(options, motion=plan.motion))
     with listen() as stop:
         if folder.journal.exists():
             journal, content = JournalWriter.resume(folder.journal)
@@ -190,10 +205,10 @@ def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutc
                 "damage": content.problem,
             }
             journal.append("event", {}, noted)
-            task = _task(folder, profile, plan, options, content, stop, progress)
         except BaseException:
             journal.close()
             raise
+        task = Task(plan.kind, profile, asked, plan, scale, model, folder, stop, progress, content)
         with kept(folder):
             run = Run(task, journal)
             run.measure()
@@ -234,31 +249,15 @@ def _stored_plan(folder: RunFolder, profile: Profile) -> Plan:
     return make_plan(kind, profile, read_plan(file) if file.is_file() else None)
 
 
-def _task(
-    folder: RunFolder,
-    profile: Profile,
-    plan: Plan,
-    options: BenchOptions,
-    content: JournalContent,
-    stop: StopSignals,
-    progress: Progress,
-) -> Task:
-    manifest = folder.manifest
-    scale = stored_scale(manifest.get("calibration"), folder.path) or profile_scale(profile)
-    ran = manifest.get("filter")
-    if isinstance(ran, dict):
-        model = FilterModel.from_dict(ran, source=f"{folder.path / 'run.json'}: filter")
-    else:
-        model = choose_filter(profile, None)
-    bench = stored_table(manifest, "bench")
-    simulation = stored_table(manifest, "simulation")
-    asked = replace(
+def _as_before(folder: RunFolder, options: BenchOptions) -> BenchOptions:
+    """Return options with the bench that a run was asked for."""
+    bench = stored_table(folder.manifest, "bench")
+    simulation = stored_table(folder.manifest, "simulation")
+    return replace(
         options,
         out=folder.path.parent,
         plant=str(simulation.get("plant", "as-modelled")),
         seed=int(simulation.get("seed", 0)),
         address=options.address or stored_address(folder),
         realtime=bool(bench.get("realtime")) if options.realtime is None else options.realtime,
-        motion=plan.motion,
     )
-    return Task(plan.kind, profile, asked, plan, scale, model, folder, stop, progress, content)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -16,12 +17,52 @@ from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, pla
 from hdbench.errors import UsageError
 from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
 from hdbench.profile.schema import ProfileData, ReferenceWave
-from hdbench.session.calibrating.points import Point
 
 # a row of twelve channels is 96 bytes in the journal and some 200 in the trace; a point of a
 # calibration has its raw samples beside it
 _ROW_BYTES = 320
 _POINT_BYTES = 64 << 10
+
+
+Role = Literal["zero-check", "shunt", "preload", "reading"]
+PREPARATIONS = ("zero-check", "shunt", "preload")
+"""Roles whose readings prepare the calibration and are no part of its loads."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One load to put on, to wait for and to read."""
+
+    number: int
+    role: Role
+    experiment: str
+    position_rad: float
+    range: str
+    direction: str
+    series: str
+    mass_kg: float
+    torque_nm: float
+    step_nm: float
+    read_after_s: float
+    label: str
+    position_index: int = 1
+    position_count: int = 1
+    repeat: int = 0
+
+    @property
+    def mounting(self) -> tuple[float, str]:
+        """Position and direction: what stays untouched from one point to the next."""
+        return self.position_rad, self.direction
+
+    def describe(self) -> str:
+        """Return the point in words."""
+        if self.role == "zero-check":
+            return f"{self.label}: no weight, bridge zero and range"
+        if self.role == "shunt":
+            return f"{self.label}: shunt resistor on, no weight"
+        return (
+            f"{self.label}: {self.mass_kg:g} kg {self.direction}, expect {self.torque_nm:+.3f} N m"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +137,8 @@ class Acquire:
         return f"{'no' if self.wave is None else self.wave.wave} reference for {length}"
 
 
+PLAN_NAME = "plan.json"
+"""File of a run folder with what a resumed run needs: points of a calibration, or a plan file."""
 Step = Lock | Place | Point | Put | Acquire
 
 

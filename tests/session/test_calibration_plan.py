@@ -9,8 +9,12 @@ import pytest
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
-from hdbench.session.calibrating.plan import calibration_plan, calibration_points
-from hdbench.session.calibrating.points import read_points, write_points
+from hdbench.session.calibrating.plan import (
+    calibration_plan,
+    calibration_points,
+    read_points,
+    write_points,
+)
 
 PROFILE = load_profile("cim-tr-97-06").data
 

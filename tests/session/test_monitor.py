@@ -64,14 +64,8 @@ def test_statistics_by_blocks_are_those_of_all_samples() -> None:
 def test_a_channel_without_a_sample_has_no_numbers() -> None:
     found = ChannelStatistics("V")
     found.add(np.full(5, np.nan))
-    assert found.to_dict() == {
-        "unit": "V",
-        "n": 0,
-        "mean": None,
-        "std": None,
-        "min": None,
-        "max": None,
-    }
+    none = dict.fromkeys(("mean", "std", "min", "max"))
+    assert found.to_dict() == {"unit": "V", "n": 0, **none}
 
 
 def test_the_drive_stays_disabled_and_no_run_is_left(

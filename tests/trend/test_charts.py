@@ -9,8 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 import trend_campaign as campaign
 
-from hdbench.trend.charts import _ewma, control_chart, find_limits
-from hdbench.trend.history import study_history
+from hdbench.trend.charts import _ewma, control_chart, find_limits, study_history
 
 
 def study(values, own=None, months=None, probability=0.05):

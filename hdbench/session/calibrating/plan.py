@@ -1,17 +1,22 @@
-"""Sequence of a calibration: positions, directions, ranges, preloads, series."""
+"""Sequence of a calibration: planned, and kept in its run folder for a resumed run."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Literal
 
+from pydantic import TypeAdapter, ValidationError
+
+from hdbench.errors import DataError
 from hdbench.profile.calibrating import CalibrationPlan
 from hdbench.profile.schema import Arm, ProfileData
-from hdbench.session.calibrating.points import Point, Role
-from hdbench.session.plans import Lock, Place, Plan, Step
+from hdbench.records.jsonfile import read_json, write_json
+from hdbench.session.plans import PLAN_NAME, Lock, Place, Plan, Point, Role, Step
 
 Preset = Literal["report", "cg14"]
 
@@ -146,3 +151,38 @@ class _Loading:
             position_index=self.index + 1,
             position_count=self.count,
         )
+
+
+SCHEMA = "hdbench/calibration-plan/1"
+
+
+def write_points(folder: Path, points: tuple[Point, ...], preset: str) -> None:
+    """Write the sequence into a run folder."""
+    listed = [asdict(point) for point in points]
+    write_json(folder / PLAN_NAME, {"schema": SCHEMA, "preset": preset, "points": listed})
+
+
+def read_points(folder: Path) -> tuple[Point, ...]:
+    """Read the sequence of a stored run."""
+    path = folder / PLAN_NAME
+    if not path.is_file():
+        raise DataError(
+            f"no {PLAN_NAME}: the sequence of this calibration is not known",
+            where=str(folder),
+            fix="start the calibration anew; what was read is kept in this run",
+        )
+    listed = json.dumps(read_json(path, SCHEMA).get("points"))
+    points: tuple[Point, ...] = ()
+    problem = ""
+    try:
+        points = TypeAdapter(tuple[Point, ...]).validate_json(listed, strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        problem = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    if not points or [point.number for point in points] != list(range(1, len(points) + 1)):
+        raise DataError(
+            f"the points of the plan are damaged: {problem or 'not numbered in order'}",
+            where=str(path),
+            fix="restore the file from a copy, or start the calibration anew",
+        )
+    return points

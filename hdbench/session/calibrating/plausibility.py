@@ -10,9 +10,9 @@ from operator import itemgetter
 import numpy as np
 
 from hdbench.profile.schema import Arm, ProfileData
-from hdbench.session.calibrating.points import Point
 from hdbench.session.calibrating.reading import Taken
 from hdbench.session.calibrating.state import CalibrationState
+from hdbench.session.plans import Point
 
 # The bridge at rest may be off by this share of the signal of the largest load: more is wiring, a
 # mounting under stress or a weight left on the arm. Order 2 and 4 of a wave generator that stands

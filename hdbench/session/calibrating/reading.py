@@ -12,7 +12,6 @@ from hdbench.devices.bench import AcquisitionSettings, Bench, Block
 from hdbench.profile.schema import ProfileData
 from hdbench.records.loads import LoadReading
 from hdbench.session.calibrating.conversation import Answer
-from hdbench.session.calibrating.points import Point
 from hdbench.session.calibrating.settling import (
     Judgement,
     SettledReading,
@@ -21,6 +20,7 @@ from hdbench.session.calibrating.settling import (
     judge,
 )
 from hdbench.session.calibrating.state import CalibrationState
+from hdbench.session.plans import Point
 from hdbench.session.runner import next_block
 from hdbench.session.stop import Aborted, StopSignals
 

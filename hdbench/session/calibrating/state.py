@@ -9,7 +9,7 @@ from typing import Any
 
 from hdbench.devices.operator import SimulatedOperator
 from hdbench.records.journal import JournalContent, JournalWriter
-from hdbench.session.calibrating.points import PREPARATIONS, Point
+from hdbench.session.plans import Point
 
 
 @dataclass(slots=True)
@@ -69,14 +69,10 @@ class CalibrationState:
 
     # -- what is next ----------------------------------------------------------------------------
 
-    def is_done(self, point: Point) -> bool:
-        """Return whether a point needs nothing more."""
-        done = self.prepared if point.role in PREPARATIONS else self.standing
-        return point.number in done or point.number in self.skipped
-
     def pending(self) -> list[Point]:
         """Return what is still to do, in order."""
-        return [point for point in self.points if not self.is_done(point)]
+        done = {**self.prepared, **self.standing}
+        return [p for p in self.points if p.number not in done and p.number not in self.skipped]
 
     def before(self, point: Point | None) -> Point | None:
         """Return the reading before a point that can be taken again."""

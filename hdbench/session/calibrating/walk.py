@@ -22,11 +22,11 @@ from hdbench.session.calibrating.conversation import (
     Reply,
 )
 from hdbench.session.calibrating.plausibility import Expectation, doubt_about
-from hdbench.session.calibrating.points import PREPARATIONS, Point
 from hdbench.session.calibrating.reading import BridgeReader, Taken, reading_entry
 from hdbench.session.calibrating.settling import Judgement, SettledReading, settle_rule
 from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting
 from hdbench.session.options import Task
+from hdbench.session.plans import PREPARATIONS, Point
 from hdbench.session.runner import counted
 
 _GO_OR_QUIT = (Answer.ACCEPT, Answer.QUIT)
