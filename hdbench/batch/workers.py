@@ -11,8 +11,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from importlib import import_module
-from itertools import islice
+from types import ModuleType
 from typing import Any
 
 from hdbench.errors import DeviceError, UsageError
@@ -90,9 +89,17 @@ class Outcome:
     lost: bool = False
 
 
-def _library() -> Any:
-    # it has types for a part of its calls only
-    return import_module("distributed")
+def require_distributed(where: str) -> ModuleType:
+    """Return dask's library, or name the extra that brings it."""
+    try:
+        import distributed
+    except ImportError as error:
+        raise UsageError(
+            "dask.distributed is not installed; needed to run over many inputs",
+            where=where,
+            fix="pip install 'hdbench[batch]'",
+        ) from error
+    return distributed
 
 
 def run_tasks(
@@ -118,7 +125,7 @@ def run_tasks(
     Raises
     ------
     UsageError
-        If the workers have another version of hdbench.
+        If dask.distributed is not installed, or the workers have another version of hdbench.
     DeviceError
         If the scheduler cannot be reached, is lost, or has no worker.
     Exception
@@ -128,13 +135,14 @@ def run_tasks(
     -----
     Closing the generator, Ctrl-C too, stops a local cluster with what it is doing.
     """
+    distributed = require_distributed("hdbench batch")
     import dask
 
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(_CONFIG))
-        client = stack.enter_context(_client(workers))
+        client = stack.enter_context(_client(distributed, workers))
         try:
-            yield from _run(client, function, iter(tasks), workers)
+            yield from _run(distributed, client, function, iter(tasks), workers)
         except OSError as error:
             if workers.scheduler is None:
                 raise
@@ -142,9 +150,12 @@ def run_tasks(
 
 
 def _run(
-    client: Any, function: Callable[[Any], Any], tasks: Iterator[Any], workers: Workers
+    distributed: ModuleType,
+    client: Any,
+    function: Callable[[Any], Any],
+    tasks: Iterator[Any],
+    workers: Workers,
 ) -> Iterator[Outcome]:
-    distributed = _library()
     held: dict[Any, Outcome] = {}
     seats = _Seats(client, workers)
 
@@ -154,8 +165,12 @@ def _run(
 
     def fill() -> None:
         # one waits at the scheduler, so that no worker waits for us
-        for task in islice(tasks, max(0, seats.count() + 1 - len(held))):
-            start(task, 0)
+        while len(held) <= seats.count():
+            for task in tasks:
+                start(task, 0)
+                break
+            else:
+                return
 
     fill()
     while held:
@@ -235,10 +250,9 @@ def _alone(function: Callable[[Any], Any], task: Any) -> Any:
 
 
 @contextmanager
-def _client(workers: Workers) -> Iterator[Any]:
-    distributed = _library()
+def _client(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
     if workers.scheduler is None:
-        with _local_cluster(workers) as cluster:
+        with _local_cluster(distributed, workers) as cluster:
             client = distributed.Client(cluster)
             try:
                 yield client
@@ -264,7 +278,7 @@ def _client(workers: Workers) -> Iterator[Any]:
 
 
 @contextmanager
-def _local_cluster(workers: Workers) -> Iterator[Any]:
+def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
     from dask.utils import parse_bytes
 
     memory = workers.memory
@@ -277,7 +291,7 @@ def _local_cluster(workers: Workers) -> Iterator[Any]:
     with _quiet_logs(), _loop_without_ctrl_c() as loop:
         # only this computer can reach it
         with undisturbed(*_STOPS):
-            cluster = _library().LocalCluster(
+            cluster = distributed.LocalCluster(
                 n_workers=0,
                 threads_per_worker=1,
                 processes=True,

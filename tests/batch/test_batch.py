@@ -123,16 +123,18 @@ class _Future:
         pass
 
 
-def test_a_value_that_is_lost_with_its_worker_is_waited_for(monkeypatch):
+def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_mended():
     future, asked = _Future(), []
     client = SimpleNamespace(
         status="running",
         submit=lambda *_args, **_words: future,
         nthreads=lambda: asked.append(1) or {"worker": 1},
     )
-    monkeypatch.setattr("distributed.wait", lambda held, **_words: SimpleNamespace(done=held))
+    library = SimpleNamespace(
+        KilledWorker=KilledWorker, wait=lambda held, **_words: SimpleNamespace(done=held)
+    )
     there = Workers(scheduler="tcp://there:8786")
-    outcomes = list(_run(client, len, iter(["task"]), there))
+    outcomes = list(_run(library, client, len, iter(["task"]), there))
     assert outcomes == [Outcome("task", 7)]
     assert asked
 
