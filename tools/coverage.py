@@ -103,11 +103,11 @@ def one_loop(seed: int) -> dict[str, bool]:
         calibration = run_experiment("calibration", profile, BenchOptions(folder, seed=seed), quiet)
         options = BenchOptions(folder, seed=seed, calibration=calibration.folder.path)
         output, moved = (
-            run_experiment(kind, profile, options, quiet).evaluation.result
+            run_experiment(kind, profile, options, quiet).result
             for kind in ("misalignment", "ripple")
         )
         truth = profile.data
-        gain = calibration.evaluation.result.gain_nm_per_v
+        gain = calibration.result.gain_nm_per_v
         outcome = {
             "gain": covers(gain, truth.sensor.gain_nm_per_v),
             "misalignment": covers(output.amplitude_nm, truth.model.misalignment.amplitude_nm),

@@ -16,8 +16,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hdbench.records import FloatArray
-from hdbench.trend.charts import LEAST_RUNS
-from hdbench.trend.history import study_history
+from hdbench.trend.charts import LEAST_RUNS, study_history
 
 _PROBABILITY = 0.05
 _RUNS = 60

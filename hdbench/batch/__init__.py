@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from hdbench.batch.fingerprint import Content, content_of, stamps_of
 from hdbench.batch.folder import BatchFolder, read_table, summary_of
-from hdbench.batch.inputs import Input, expand_inputs
+from hdbench.batch.inputs import Content, Input, content_of, expand_inputs, stamps_of
 from hdbench.batch.workers import Outcome, Workers, run_tasks
 
 __all__ = [

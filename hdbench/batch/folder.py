@@ -17,8 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from hdbench.batch.fingerprint import stamps_of
-from hdbench.batch.inputs import Input
+from hdbench.batch.inputs import Input, stamps_of
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.records.csvtext import safe_cell
 from hdbench.records.parquetfile import require_parquet

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,12 +13,7 @@ from numpy.typing import NDArray
 from hdbench.errors import UsageError
 from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
-from hdbench.plant.effects import (
-    EFFECT_KINDS,
-    Effect,
-    encoder_error_rad,
-    start_effect,
-)
+from hdbench.plant.effects import EFFECT_KINDS, encoder_error_rad, start_effect
 from hdbench.plant.fixture import GAIN_HARMONICS, Fixture, PositionGain, shunt_volts
 from hdbench.plant.modelcauses import ModelCauses, with_model
 from hdbench.plant.plantfile import PlantSpec, draw_effects
@@ -27,43 +23,6 @@ from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
     from hdbench.model import BenchModel
-
-
-def sensor_truth(gain: PositionGain, channels: AnalogueChannels) -> dict[str, object]:
-    """Return gain and gauges."""
-    positions = [2.0 * math.pi * k / GAIN_HARMONICS for k in range(GAIN_HARMONICS)]
-    return {
-        "gain_nm_per_v": gain.mean_nm_per_v,
-        "gain_spread": gain.spread,
-        "gain_at_position": [[position, gain.at(position)] for position in positions],
-        "gauges": asdict(channels.bridge),
-    }
-
-
-def torque_truth(profile: ProfileData, effects: tuple[Effect, ...]) -> dict[str, object]:
-    """Return every component of the torque channel."""
-    drive, model = profile.drive, profile.model
-    factor = 1.0 + 1.0 / drive.gear_ratio if drive.flexspline == "turning" else 1.0
-    ripple = [
-        {
-            "order": part.order * factor,
-            "amplitude_nm": part.amplitude_nm,
-            "phase_rad": part.phase_rad,
-        }
-        for part in model.ripple
-    ]
-    misalignment = {
-        "amplitude_nm": model.misalignment.amplitude_nm,
-        "phase_rad": model.misalignment.phase_rad,
-    }
-    names = {record: kind for kind, record in EFFECT_KINDS.items()}
-    return {
-        "zero_nm": model.zero_nm,
-        "load_inertia_kg_m2": drive.load_inertia_kg_m2,
-        "ripple": ripple,
-        "misalignment": misalignment,
-        "effects": [{"kind": names[type(effect)], **asdict(effect)} for effect in effects],
-    }
 
 
 # One random stream per purpose: what one of them draws does not move another.
@@ -107,12 +66,8 @@ class SimulatedBench:
         self._gain = PositionGain.draw(
             sensor.gain_nm_per_v, sensor.gain_consistency, self._stream(_GAIN)
         )
-        self._fixture = Fixture(
-            profile.arm,
-            plant.data.fixture,
-            self._gain,
-            lambda number: self._stream(_CLAMPING, number),
-        )
+        clamping = partial(self._stream, _CLAMPING)
+        self._fixture = Fixture(profile.arm, plant.data.fixture, self._gain, clamping)
         self._channels = AnalogueChannels.build(self._profile, plant.data.motor, self._effects)
         self._acquisitions = 0
         self._noise = self._stream(_ACQUISITION)
@@ -168,7 +123,7 @@ class SimulatedBench:
         counted: bool = True,
     ) -> Timeline:
         """Begin a new acquisition whose reference a host writes while it runs."""
-        if self._causes.any:
+        if self._causes.model is not None:
             raise UsageError(
                 "an extended model needs the whole motion beforehand; this device's reference is "
                 "written by its host as it goes",
@@ -195,11 +150,9 @@ class SimulatedBench:
         timeline.stop()
         braking = round(_BRAKING_S / timeline.sample_period_s)
         until = timeline.now_hold + max(1, braking)
+        reference_v = timeline.references(0, until)
         self._causes.move(
-            self._channels,
-            self._fixture.mount,
-            timeline.sample_period_s,
-            timeline.references(0, until),
+            self._channels, self._fixture.mount, timeline.sample_period_s, reference_v
         )
 
     def advance(self, n_samples: int) -> RawSamples:
@@ -245,11 +198,7 @@ class SimulatedBench:
         """Lock or release the wave generator, turn the flexspline, hang a weight."""
         now_s = 0.0 if self._timeline is None else self._timeline.now_s
         mount = self._fixture.change(
-            now_s,
-            locked=locked,
-            position_rad=position_rad,
-            mass_kg=mass_kg,
-            direction=direction,
+            now_s, locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
         )
         self._causes.change(mount)
         if self._timeline is not None:
@@ -262,12 +211,26 @@ class SimulatedBench:
 
     def truth(self) -> dict[str, object]:
         """Return everything that is simulated, ready for JSON."""
+        drive, model, gain = self._profile.drive, self._profile.model, self._gain
+        positions = [2.0 * math.pi * k / GAIN_HARMONICS for k in range(GAIN_HARMONICS)]
+        factor = 1.0 + 1.0 / drive.gear_ratio if drive.flexspline == "turning" else 1.0
+        names = {record: kind for kind, record in EFFECT_KINDS.items()}
+        effects = self._channels.effects
         return {
             "plant": self._plant.name,
             "plant_sha256": self._plant.sha256,
             "seed": self._seed,
-            **sensor_truth(self._gain, self._channels),
-            **torque_truth(self._profile, self._channels.effects),
+            "gain_nm_per_v": gain.mean_nm_per_v,
+            "gain_spread": gain.spread,
+            "gain_at_position": [[position, gain.at(position)] for position in positions],
+            "gauges": asdict(self._channels.bridge),
+            "zero_nm": model.zero_nm,
+            "load_inertia_kg_m2": drive.load_inertia_kg_m2,
+            "ripple": [
+                {**part.model_dump(), "order": part.order * factor} for part in model.ripple
+            ],
+            "misalignment": model.misalignment.model_dump(),
+            "effects": [{"kind": names[type(effect)], **asdict(effect)} for effect in effects],
             "causes": self._causes.names,
         }
 

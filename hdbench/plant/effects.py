@@ -35,8 +35,8 @@ class Effect:
     """One effect; its numbers are those of its table in a plant file."""
 
     def torque_nm(self, motion: PlantMotion) -> FloatArray:
-        """Return the torque, N m, shape of the motion."""
-        raise NotImplementedError
+        """Return the torque, N m, shape of the motion; an effect on an angle has none."""
+        return np.zeros_like(motion.time_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class Cogging(Effect):
         """Return the torque, N m, shape of the motion."""
         cosine = np.cos(self.order * motion.motor_angle_rad + self.phase_rad)
         shape = (cosine - self.decay) / (1.0 - 2.0 * self.decay * cosine + self.decay**2)
-        return np.asarray(self.amplitude_nm * shape)
+        return self.amplitude_nm * shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +86,6 @@ class TransmissionError(Effect):
     order: AboveZero
     amplitude_rad: AtLeastZero
     phase_rad: float
-
-    def torque_nm(self, motion: PlantMotion) -> FloatArray:
-        """Return zeros: the torque is where it was, the angle beside it is not."""
-        return np.zeros_like(motion.time_s)
 
     def angle_rad(self, output_angle_rad: FloatArray) -> FloatArray:
         """Return the error of the recorded motor angle, rad; 0 at the home mark."""

@@ -21,8 +21,6 @@ from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
     from hdbench.model import BenchModel
-    from hdbench.plant.fixture import Mount
-    from hdbench.plant.timeline import AnalogueChannels
 
 # the emulated bench stands in a room that keeps its temperature
 ROOM_C = 20.0
@@ -38,11 +36,8 @@ def with_model(profile: ProfileData, model: BenchModel) -> ProfileData:
         for order, amplitude, phase in model.ripple
     )
     amplitude, phase = model.misalignment
-    baseline = ModelParameters(
-        zero_nm=model.zero_nm,
-        ripple=ripple,
-        misalignment=MisalignmentParameters(amplitude_nm=amplitude, phase_rad=phase),
-    )
+    misalignment = MisalignmentParameters(amplitude_nm=amplitude, phase_rad=phase)
+    baseline = ModelParameters(zero_nm=model.zero_nm, ripple=ripple, misalignment=misalignment)
     inertia = model.inertia_nm_s2 * drive.gear_ratio
     moved = drive.model_copy(update={"load_inertia_kg_m2": inertia})
     return profile.model_copy(update={"model": baseline, "drive": moved})
@@ -94,7 +89,7 @@ class ModelCauses:
     """
 
     def __init__(self, model: BenchModel | None, profile: ProfileData) -> None:
-        self._model = model
+        self.model = model
         self._profile = profile
         self._volts: FloatArray = np.zeros(1)
         # weights that were hung since the lock was closed
@@ -103,12 +98,7 @@ class ModelCauses:
     @property
     def names(self) -> list[str]:
         """Names of the causes."""
-        return [] if self._model is None else [term.name for term in self._model.causes]
-
-    @property
-    def any(self) -> bool:
-        """Whether an extended model is followed."""
-        return self._model is not None
+        return [] if self.model is None else [term.name for term in self.model.causes]
 
     def restart(self, elapsed_s: float) -> None:
         """Count time from a new acquisition, `elapsed_s` after the one before began."""
@@ -132,15 +122,15 @@ class ModelCauses:
     ) -> None:
         """Compute the causes for a whole motion; those of a locked bench come by their time."""
         self._volts = np.zeros(1)
-        if self._model is not None and not mount.locked:
-            self._volts = cause_volts(self._model, channels, mount, sample_period_s, reference_v)
+        if self.model is not None and not mount.locked:
+            self._volts = cause_volts(self.model, channels, mount, sample_period_s, reference_v)
 
     def volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
         """Return what the causes add at samples."""
         volts: FloatArray = self._volts[np.minimum(stamps, len(self._volts) - 1)]
-        if self._model is None or not self._held:
+        if self.model is None or not self._held:
             return volts
-        return volts + self._locked_volts(self._model, time_s)
+        return volts + self._locked_volts(self.model, time_s)
 
     def _locked_volts(self, model: BenchModel, time_s: FloatArray) -> FloatArray:
         """Return what the causes add at samples of a locked bench."""

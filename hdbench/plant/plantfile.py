@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
@@ -28,7 +29,7 @@ from pydantic import (
 from hdbench.errors import ProfileError
 from hdbench.plant.effects import EFFECT_KINDS, Effect
 from hdbench.profile.loader import problem
-from hdbench.profile.toml_text import Key, key_lines, read_toml
+from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 
@@ -75,45 +76,31 @@ def _plain(value: Any) -> Any:
     return {"any_of": [value]} if is_number else value
 
 
-def _at_least_zero(draw: Draw) -> Draw:
-    """Refuse a draw that can give a number below 0."""
-    for value in draw.values:
-        if not value >= 0.0:
-            raise ValueError(f"{value} is below 0.0")
-    return draw
-
-
-def _above_zero(draw: Draw) -> Draw:
-    """Refuse a draw that can give 0 or less."""
-    for value in draw.values:
-        if not value > 0.0:
-            raise ValueError(f"{value} is not above 0.0")
-    return draw
-
-
-def _whole(draw: Draw) -> Draw:
-    """Refuse a draw that can give anything but whole numbers of at least 1."""
-    for value in draw.values:
-        if draw.min != draw.max or not (value >= 1.0 and value == int(value)):
-            raise ValueError(f"{value} is not one of several whole numbers of at least 1")
-    return draw
-
-
-def _below_one(draw: Draw) -> Draw:
-    """Refuse a draw that can leave the range from 0 to below 1."""
-    for value in draw.values:
-        if not 0.0 <= value < 1.0:
-            raise ValueError(f"{value} is not in [0, 1)")
-    return draw
-
-
 AnyDraw = Annotated[Draw, BeforeValidator(_plain)]
-_DOMAINS: dict[str, Callable[[Draw], Draw]] = {
-    "at least 0": _at_least_zero,
-    "above 0": _above_zero,
-    "whole": _whole,
-    "at least 0, below 1": _below_one,
+# by the domain of a number: what every value that a draw can give has to be, and what to say if not
+_DOMAINS: dict[str, tuple[Callable[[float], bool], str]] = {
+    "at least 0": (lambda value: value >= 0.0, "is below 0.0"),
+    "above 0": (lambda value: value > 0.0, "is not above 0.0"),
+    "at least 0, below 1": (lambda value: 0.0 <= value < 1.0, "is not in [0, 1)"),
+    "whole": (
+        lambda value: value >= 1.0 and value == int(value),
+        "is not one of several whole numbers of at least 1",
+    ),
 }
+
+
+def _within(domain: str) -> AfterValidator:
+    """Return what refuses a draw that can leave a domain."""
+    inside, problem = _DOMAINS[domain]
+
+    def check(draw: Draw) -> Draw:
+        ranged = domain == "whole" and draw.min != draw.max
+        for value in draw.values:
+            if ranged or not inside(value):
+                raise ValueError(f"{value} {problem}")
+        return draw
+
+    return AfterValidator(check)
 
 
 class _Effect(_Table):
@@ -126,11 +113,8 @@ class _Effect(_Table):
 
     def build(self, rng: np.random.Generator) -> Any:
         """Return the effect with its numbers drawn in the order of its keys."""
-        numbers: dict[str, Any] = {}
-        for name in type(self).model_fields:
-            value = getattr(self, name)
-            if value is None or isinstance(value, Draw):
-                numbers[name] = None if value is None else value.draw(rng)
+        given = {name: value for name, value in self if name not in ("kind", "probability")}
+        numbers = {name: value and value.draw(rng) for name, value in given.items()}
         effect: Any = EFFECT_KINDS[self.kind]
         return effect(**numbers)
 
@@ -141,7 +125,7 @@ def _effect_table(kind: str, effect: type[Effect]) -> type[_Effect]:
     for name, hint in get_type_hints(effect, include_extras=True).items():
         draw: Any = AnyDraw
         for domain in getattr(hint, "__metadata__", ()):
-            draw = Annotated[AnyDraw, AfterValidator(_DOMAINS[domain])]
+            draw = Annotated[AnyDraw, _within(domain)]
         # only a phase may be left out: it is then a new one in every acquisition
         keys[name] = (draw | None, None) if type(None) in get_args(hint) else (draw, ...)
     return create_model(f"{effect.__name__}Table", __base__=_Effect, **keys)
@@ -203,9 +187,7 @@ class PlantSpec:
     """A checked plant file."""
 
     data: PlantFile
-    text: str
     sha256: str
-    source: str
 
     @property
     def name(self) -> str:
@@ -221,39 +203,37 @@ def list_plants() -> tuple[str, ...]:
 
 def load_plant(name_or_path: str) -> PlantSpec:
     """Return a plant by name or from a file."""
-    text, source = _read(name_or_path)
-    raw = read_toml(text, source)
+    text = _read(name_or_path)
+    raw = read_toml(text, name_or_path)
     try:
         data = PlantFile.model_validate(raw)
     except ValidationError as error:
         lines = key_lines(text)
-        found = [_problem(source, lines, entry) for entry in error.errors(include_url=False)]
-        raise _all_problems(source, found) from None
-    return PlantSpec(data, text, hashlib.sha256(text.encode()).hexdigest(), source)
+        found = [_problem(name_or_path, lines, one) for one in error.errors(include_url=False)]
+        found.sort(key=lambda each: int(each.where.rpartition(":")[2]))
+        if len(found) == 1:
+            raise found[0] from None
+        raise ProfileError(
+            f"{len(found)} problems: " + "; ".join(each.what for each in found[:5]),
+            where=name_or_path,
+            fix="correct each of them",
+            problems=tuple(found),
+        ) from None
+    return PlantSpec(data, hashlib.sha256(text.encode()).hexdigest())
 
 
-def _read(name_or_path: str) -> tuple[str, str]:
-    """Return text and source of a plant."""
-    if name_or_path in list_plants():
+def _read(name_or_path: str) -> str:
+    """Return the text of a plant."""
+    plants, path = list_plants(), Path(name_or_path)
+    if name_or_path in plants:
         resource = resources.files(_PACKAGE) / "plants" / f"{name_or_path}.toml"
-        return resource.read_text(encoding="utf-8"), str(resource)
-    names = ", ".join(list_plants())
-    try:
-        return Path(name_or_path).read_text(encoding="utf-8"), name_or_path
-    except FileNotFoundError:
-        near = difflib.get_close_matches(name_or_path, list_plants(), n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise ProfileError(
-            "no such plant",
-            where=name_or_path,
-            fix=f"{hint}name a TOML file or a built-in plant: {names}",
-        ) from None
-    except (OSError, ValueError) as error:
-        raise ProfileError(
-            f"cannot read the plant file: {error}",
-            where=name_or_path,
-            fix=f"name a readable UTF-8 TOML file or a built-in plant: {names}",
-        ) from None
+        return resource.read_text(encoding="utf-8")
+    near = difflib.get_close_matches(name_or_path, plants, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    fix = f"{hint}name a TOML file or a built-in plant: {', '.join(plants)}"
+    if not path.exists():
+        raise ProfileError("no such plant", where=name_or_path, fix=fix)
+    return toml_text(path, fix)
 
 
 def _problem(source: str, lines: Mapping[Key, int], error: Mapping[str, Any]) -> ProfileError:
@@ -286,19 +266,6 @@ def _known_keys() -> list[str]:
     return sorted(nested | set(PlantFile.model_fields))
 
 
-def _all_problems(source: str, found: list[ProfileError]) -> ProfileError:
-    """Return one error that holds every problem, in the order of the lines."""
-    if len(found) == 1:
-        return found[0]
-    found.sort(key=lambda each: int(each.where.rpartition(":")[2]))
-    return ProfileError(
-        f"{len(found)} problems: " + "; ".join(each.what for each in found[:5]),
-        where=source,
-        fix="correct each of them",
-        problems=tuple(found),
-    )
-
-
 def draw_effects(plant: PlantSpec, rng: np.random.Generator) -> tuple[Effect, ...]:
     """Return the effects that a seed chooses, with their sizes.
 
@@ -308,13 +275,13 @@ def draw_effects(plant: PlantSpec, rng: np.random.Generator) -> tuple[Effect, ..
     size does not depend on another's choice.
     """
     specs = plant.data.effects
-    ranks = [_rank(float(rng.random()), spec.probability) for spec in specs]
+    uniform = [float(rng.random()) for _ in specs]
+    # below 1 exactly where an effect is chosen
+    ranks = [
+        u / spec.probability if spec.probability else math.inf
+        for u, spec in zip(uniform, specs, strict=True)
+    ]
     built = [spec.build(rng) for spec in specs]
     wanted = max(plant.data.minimum_effects, sum(rank < 1.0 for rank in ranks))
     chosen = sorted(sorted(range(len(specs)), key=lambda i: ranks[i])[:wanted])
     return tuple(built[i] for i in chosen)
-
-
-def _rank(uniform: float, probability: float) -> float:
-    """Return what is below 1 exactly where an effect is chosen."""
-    return uniform / probability if probability > 0.0 else float("inf")

@@ -192,14 +192,14 @@ class Timeline:
         host_written: bool = False,
     ) -> None:
         self._channels = channels
-        self._period_s = sample_period_s
+        self.sample_period_s = sample_period_s
         self._n_steps = steps_per_sample(sample_period_s)
         self._decimator = Decimator.design(self._n_steps)
         self._loop = servo_loop(channels.profile.servo)
         self._reference = ReferenceLine(reference_v)
         self._ahead = 0 if host_written else BLOCK_HOLDS
         self._mount = mount
-        self._served = 0
+        self.served = 0
         self._edge = 0
         self._starts = np.array(start)[:, None]
         self._starts_first = 0
@@ -207,29 +207,14 @@ class Timeline:
         self._ready = np.zeros((3, 0))
 
     @property
-    def served(self) -> int:
-        """How many samples were handed out."""
-        return self._served
-
-    @property
     def now_hold(self) -> int:
         """Index of the hold that begins when the last sample was handed out."""
-        return self._served + HALF_LENGTH_SAMPLES - 1 if self._served else 0
+        return self.served + HALF_LENGTH_SAMPLES - 1 if self.served else 0
 
     @property
     def now_s(self) -> float:
         """Acquisition time at the leading edge, s."""
-        return self.now_hold * self._period_s
-
-    @property
-    def sample_period_s(self) -> float:
-        """Sampling period, s."""
-        return self._period_s
-
-    @property
-    def mount(self) -> Mount:
-        """Lock, arm and weight."""
-        return self._mount
+        return self.now_hold * self.sample_period_s
 
     @property
     def reference_now_v(self) -> float:
@@ -273,20 +258,20 @@ class Timeline:
     def advance(self, n_samples: int) -> AnalogueSamples:
         """Return the next samples, without noise."""
         volts, angles = [np.zeros((3, 0))], [np.zeros(0)]
-        first, left = self._served, n_samples
+        first, left = self.served, n_samples
         while left > 0:
             if self._ready.shape[1] == 0:
                 self._extend(left)
                 continue
             take = min(left, self._ready.shape[1])
-            at = self._served - self._starts_first
+            at = self.served - self._starts_first
             volts.append(self._ready[:, :take])
             angles.append(self._starts[0, at : at + take])
             self._ready = self._ready[:, take:]
-            self._served += take
+            self.served += take
             left -= take
         reference = self.references(first, n_samples)
-        self._reference.forget(self._served - 1)
+        self._reference.forget(self.served - 1)
         torque_v, tacho_v, current_v = np.concatenate(volts, axis=1)
         return AnalogueSamples(torque_v, tacho_v, current_v, reference, np.concatenate(angles))
 
@@ -298,7 +283,7 @@ class Timeline:
     def _before(self, start: tuple[float, float]) -> FloatArray:
         """Return the channels of the periods before the first sample."""
         angle, speed = start
-        angle -= speed * HALF_LENGTH_SAMPLES * self._period_s
+        angle -= speed * HALF_LENGTH_SAMPLES * self.sample_period_s
         command = np.full(HALF_LENGTH_SAMPLES, speed)
         return self._simulate(-HALF_LENGTH_SAMPLES, command, (angle, speed, speed))[0]
 
@@ -306,12 +291,12 @@ class Timeline:
         self, first: int, command: FloatArray, start: tuple[float, float, float]
     ) -> tuple[FloatArray, HoldMotion]:
         """Return channels and motion of the holds from `first` on."""
-        step_s = self._period_s / self._n_steps
+        step_s = self.sample_period_s / self._n_steps
         if self._mount.locked:
             command, start = np.zeros_like(command), (0.0, 0.0, 0.0)
         motion = self._loop.run(command, step_s, self._n_steps, start)
         steps = np.arange(len(command) * self._n_steps, dtype=np.float64)
-        time_s = first * self._period_s + steps.reshape(len(command), -1) * step_s
+        time_s = first * self.sample_period_s + steps.reshape(len(command), -1) * step_s
         return self._channels.volts(time_s, motion, self._mount), motion
 
     def _extend(self, wanted: int) -> None:
@@ -325,9 +310,9 @@ class Timeline:
         self._volts = np.concatenate((self._volts[:, -keep:], volts), axis=1)
         self._ready = self._decimator.apply(self._volts)
         starts = np.stack((motion.start_angle_rad, motion.start_velocity_rad_s))
-        old = self._starts[:, self._served - self._starts_first : self._edge - self._starts_first]
+        old = self._starts[:, self.served - self._starts_first : self._edge - self._starts_first]
         self._starts = np.concatenate((old, starts), axis=1)
-        self._starts_first = self._served
+        self._starts_first = self.served
         self._edge += holds
 
     def _interrupt(self) -> None:

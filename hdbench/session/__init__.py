@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.session.evaluation import Evaluation, evaluate, evaluate_stored
+from hdbench.session.evaluation import evaluate_stored
 from hdbench.session.experiments import make_plan, run_experiment
 from hdbench.session.options import BenchOptions, RunOutcome
 from hdbench.session.plans import Plan
@@ -11,10 +11,8 @@ from hdbench.session.stop import Aborted
 __all__ = [
     "Aborted",
     "BenchOptions",
-    "Evaluation",
     "Plan",
     "RunOutcome",
-    "evaluate",
     "evaluate_stored",
     "make_plan",
     "run_experiment",

@@ -78,9 +78,8 @@ def _clock(now: datetime) -> Finding:
         return Finding("clock", False, f"{now:%Y-%m-%d %H:%M} UTC: it was never set", fix)
     synchronised = _synchronised()
     words = {True: ", synchronised", False: ", NOT synchronised", None: ""}[synchronised]
-    return Finding(
-        "clock", True, f"{now:%Y-%m-%d %H:%M} UTC{words}", fix if synchronised is False else ""
-    )
+    shown = f"{now:%Y-%m-%d %H:%M} UTC{words}"
+    return Finding("clock", True, shown, fix if synchronised is False else "")
 
 
 def _synchronised() -> bool | None:
@@ -153,11 +152,8 @@ def check_bench(profile: Profile, address: str | None) -> list[Finding]:
             if isinstance(bench, GuardedBench):
                 findings += _watched(bench)
             safe = bench.safe_state()
-            findings.append(
-                Finding(
-                    "safe state", safe.confirmed, safe.detail, "press the emergency stop and look"
-                )
-            )
+            fix = "press the emergency stop and look"
+            findings.append(Finding("safe state", safe.confirmed, safe.detail, fix))
     except HdbenchError as error:
         findings.append(Finding("device", False, f"{error.where}: {error.what}", error.fix))
     return findings
@@ -170,42 +166,36 @@ def _watched(bench: GuardedBench) -> Iterator[Finding]:
         return
     dog = able.watchdog
     if dog is None or not dog.drops:
-        yield Finding(
-            "watchdog", False, "none that stops the motor", "use an output device that has one"
-        )
+        fix = "use an output device that has one"
+        yield Finding("watchdog", False, "none that stops the motor", fix)
     else:
         found = (
             f"{dog.min_s:g} to {dog.max_s:g} s, fed by {dog.fed_by}, drops {', '.join(dog.drops)}"
         )
         proof = "prove it once per bench: hdbench doctor --prove-watchdog"
         yield Finding("watchdog", True, f"{found}; not proven here", proof)
-    yield _guard(bench)
-
-
-def _guard(bench: GuardedBench) -> Finding:
     try:
         guard = bench.start_guard()
     except HdbenchError as error:
-        return Finding("guard", False, error.what, error.fix)
+        yield Finding("guard", False, error.what, error.fix)
+        return
     guard.end()
     found = f"starts and reaches the device; acts after {guard.silence_s:.2g} s of silence"
-    return Finding("guard", True, found)
+    yield Finding("guard", True, found)
 
 
 def check_calibration(profile: Profile, runs: Path, now: datetime) -> Finding:
     """Say how old the newest calibration of this bench is."""
     limit = profile.data.calibration.validity_days
     fix = "hdbench calibrate"
+    wanted = ("calibration", "complete", profile.data.name)
     try:
         mine = [
-            run
+            run.path
             for run in list_runs(runs)
-            if run.kind == "calibration"
-            and run.status == "complete"
-            and run.profile == profile.data.name
-            and _accepted(run.path)
+            if (run.kind, run.status, run.profile) == wanted and _accepted(run.path)
         ]
-        times = [(calibration_time(run.path)[0] or "", run.path) for run in mine]
+        times = [(calibration_time(path)[0] or "", path) for path in mine]
     except DataError as error:
         return Finding("calibration", False, f"{error.where}: {error.what}", error.fix)
     if not times:

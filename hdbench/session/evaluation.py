@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.evaluation import EvaluatedResult
@@ -68,87 +68,30 @@ def sign_doubts(records: Trace | Loads) -> list[str]:
     return [f"{len(wrong)} torques have the sign of the other direction (experiments {names})"]
 
 
-@dataclass(frozen=True, slots=True)
-class Evaluation:
-    """What came out of one experiment.
-
-    Parameters
-    ----------
-    result : CalibrationResult, MisalignmentResult or RippleResult
-        The result as result.json keeps it.
-    records : Trace or Loads
-        What was evaluated.
-    filter_model : FilterModel
-        The filter used, with what this experiment adds to it.
-    """
-
-    result: EvaluatedResult
-    records: Trace | Loads
-    filter_model: FilterModel
-
-
 def evaluate(
     kind: str,
     records: Trace | Loads,
     profile: Profile,
     scale: TorqueScale,
     model: FilterModel,
-    *,
-    run: str,
-    doubts: Sequence[str] = (),
-    stretch: Stretch | None = None,
-) -> Evaluation:
-    """Evaluate one experiment.
-
-    Parameters
-    ----------
-    kind : str
-        ``calibration``, ``misalignment`` or ``ripple``.
-    records : Trace or Loads
-        Its data.
-    profile : Profile
-        The bench.
-    scale : TorqueScale
-        The gain that scaled the torque.
-    model : FilterModel
-        The filter.
-    run : str
-        Identifier of the run; the filter's provenance names it.
-    doubts : sequence of str
-        Reasons to doubt the data.
-    stretch : Stretch or None
-        Part of a ripple run; None takes all of it.
-
-    Returns
-    -------
-    Evaluation
-        Result, data and the filter with what this experiment adds.
-
-    Raises
-    ------
-    DataError
-        If the data are of another kind or cannot be evaluated.
-    """
-    result = evaluate_record(
-        kind,
-        records,
-        profile,
-        scale=scale,
-        model=model,
-        stretch=stretch,
-        run=run,
-        doubts=tuple(doubts),
-    )
-    return Evaluation(result, records, build_filter_model(model, **{kind: result.to_json()}))
+    **told: Any,
+) -> tuple[EvaluatedResult, FilterModel]:
+    """Evaluate one experiment; return its result, and the filter with what it adds."""
+    result = evaluate_record(kind, records, profile, scale=scale, model=model, **told)
+    return result, build_filter_model(model, **{kind: result.to_json()})
 
 
 def store_evaluation(
-    folder: RunFolder, found: Evaluation, files: Sequence[Path], reason: str
+    folder: RunFolder,
+    found: tuple[EvaluatedResult, FilterModel],
+    files: Sequence[Path],
+    reason: str,
 ) -> None:
     """Write result and filter model into a run folder and close the run."""
-    write_json(folder.result, found.result.to_json())
+    result, model = found
+    write_json(folder.result, result.to_json())
     filter_file = folder.path / "filter.json"
-    write_json(filter_file, found.filter_model.to_dict())
+    write_json(filter_file, model.to_dict())
     folder.finish("complete", reason, [*files, folder.result, filter_file])
 
 
@@ -162,7 +105,7 @@ def evaluate_stored(
     misalignment: Path | None = None,
     filter_name: str | None = None,
     stretch: Stretch | None = None,
-) -> tuple[RunFolder, Evaluation]:
+) -> tuple[RunFolder, EvaluatedResult]:
     """Evaluate a stored file or run again, into a run folder of its own.
 
     Parameters
@@ -189,7 +132,7 @@ def evaluate_stored(
     -------
     folder : RunFolder
         The new run, with a copy of the input.
-    evaluation : Evaluation
+    result : CalibrationResult, MisalignmentResult or RippleResult
         What came out.
 
     Raises
@@ -219,8 +162,9 @@ def evaluate_stored(
             scale,
             model,
             run=folder.run_id,
-            doubts=[*sign_doubts(records), *channels],
+            doubts=(*sign_doubts(records), *channels),
             stretch=stretch,
+            **({"imported": origin["imported"]} if "imported" in origin else {}),
         )
     except DataError as error:
         folder.finish("complete", f"not evaluated: {error.what}", kept)
@@ -231,10 +175,8 @@ def evaluate_stored(
                 fix="bring the file in with the right columns and units: hdbench import --map",
             ) from error
         raise
-    if "imported" in origin:
-        found = replace(found, result=replace(found.result, imported=origin["imported"]))
     store_evaluation(folder, found, kept, f"evaluated from {source}")
-    return folder, found
+    return folder, found[0]
 
 
 def _keep_input(

@@ -10,21 +10,33 @@ from typing import Any
 from hdbench.diagnosis.planning.planfile import read_plan, write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.errors import BusyError, DataError, UsageError
-from hdbench.filter import FilterModel, kernel_name
+from hdbench.filter import kernel_name
 from hdbench.profile import Profile, check_loads, parse_profile
 from hdbench.profile.scaling import checked_age, profile_scale, read_calibration, stored_scale
 from hdbench.records import TorqueScale
 from hdbench.records.journal import JournalContent, JournalWriter
 from hdbench.records.runfolder import RunFolder, utc_now, utc_text
 from hdbench.records.storage import keep_reserve
-from hdbench.session.calibrating.plan import Preset, calibration_plan, sequence_plan
-from hdbench.session.calibrating.points import PLAN_NAME, read_points, write_points
+from hdbench.session.calibrating.plan import (
+    Preset,
+    calibration_plan,
+    read_points,
+    sequence_plan,
+    write_points,
+)
 from hdbench.session.filters import choose_filter
 from hdbench.session.options import BenchOptions, RunOutcome, Task
-from hdbench.session.plans import Plan, check_plan, misalignment_plan, motion_plan, ripple_plan
+from hdbench.session.plans import (
+    PLAN_NAME,
+    Plan,
+    check_plan,
+    misalignment_plan,
+    motion_plan,
+    ripple_plan,
+)
 from hdbench.session.run import Run, kept
-from hdbench.session.runner import Progress
-from hdbench.session.stop import StopSignals, listen
+from hdbench.session.stop import listen
+from hdbench.session.watching import Progress
 
 
 def make_plan(
@@ -107,14 +119,21 @@ def run_experiment(
     scale = _scale(profile, options)
     model = choose_filter(profile, options.filter_name, misalignment=options.misalignment)
     with listen() as stop:
-        folder = RunFolder.create(
-            options.out, kind=kind, profile=profile, details=_details(plan, options)
-        )
+        details = {
+            "plan": plan.to_dict(),
+            "simulation": {"plant": options.plant, "seed": options.seed},
+            "bench": {"address": options.address, "realtime": options.realtime},
+        }
+        folder = RunFolder.create(options.out, kind=kind, profile=profile, details=details)
         with kept(folder):
             keep_reserve(folder.path)
             versions = {**folder.manifest["versions"], "kernel": kernel_name()}
             folder.update(calibration=scale.to_dict(), filter=model.to_dict(), versions=versions)
-            _keep_plan(folder, plan)
+            # what a resumed run needs to go on with
+            if plan.points:
+                write_points(folder.path, plan.points, plan.preset or "report")
+            elif plan.motion is not None:
+                write_plan(folder.path / PLAN_NAME, plan.motion)
             run = Run(Task(kind, profile, options, plan, scale, model, folder, stop, progress))
             run.measure()
             return run.evaluate()
@@ -131,22 +150,6 @@ def _scale(profile: Profile, options: BenchOptions) -> TorqueScale:
         now=utc_now(),
         allow_expired=options.allow_expired,
     )
-
-
-def _details(plan: Plan, options: BenchOptions) -> dict[str, Any]:
-    return {
-        "plan": plan.to_dict(),
-        "simulation": {"plant": options.plant, "seed": options.seed},
-        "bench": {"address": options.address, "realtime": options.realtime},
-    }
-
-
-def _keep_plan(folder: RunFolder, plan: Plan) -> None:
-    """Write what a resumed run needs to go on with: the points of a calibration, a plan file."""
-    if plan.points:
-        write_points(folder.path, plan.points, plan.preset or "report")
-    elif plan.motion is not None:
-        write_plan(folder.path / PLAN_NAME, plan.motion)
 
 
 def stored_profile(folder: RunFolder) -> Profile:
@@ -182,29 +185,41 @@ def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutc
     standstill, because speed, angle and load of the moment it broke off do not come back, and its
     samples are kept beside the others, marked.
     """
-    folder = RunFolder.open(path)
-    _check_status(folder)
+    folder = _resumable(path)
     profile = stored_profile(folder)
     plan = _stored_plan(folder, profile)
+    scale = stored_scale(folder.manifest.get("calibration"), folder.path) or profile_scale(profile)
+    model = choose_filter(profile, None, source=folder.path)
+    asked = _as_before(folder, replace(options, motion=plan.motion))
     with listen() as stop:
-        journal, content = _open_journal(folder)
+        if folder.journal.exists():
+            journal, content = JournalWriter.resume(folder.journal)
+        else:
+            journal, content = JournalWriter(folder.journal), JournalContent((), 0, None)
         try:
             # another process may have gone on with the run since it was opened
-            folder = RunFolder.open(path)
-            _check_status(folder)
+            folder = _resumable(path)
             folder.reopen()
-            _note_session(journal, content, folder)
-            task = _task(folder, profile, plan, options, content, stop, progress)
+            noted = {
+                "event": "resumed",
+                "session": len(folder.manifest["sessions"]) + 1,
+                "utc": utc_text(utc_now()),
+                "cut_bytes": content.torn_bytes,
+                "damage": content.problem,
+            }
+            journal.append("event", {}, noted)
         except BaseException:
             journal.close()
             raise
+        task = Task(plan.kind, profile, asked, plan, scale, model, folder, stop, progress, content)
         with kept(folder):
             run = Run(task, journal)
             run.measure()
             return run.evaluate()
 
 
-def _check_status(folder: RunFolder) -> None:
+def _resumable(path: Path) -> RunFolder:
+    folder = RunFolder.open(path)
     status = folder.status()
     if status == "running":
         raise BusyError(
@@ -218,23 +233,7 @@ def _check_status(folder: RunFolder) -> None:
             where=str(folder.path),
             fix="start a new run; only incomplete runs can be resumed",
         )
-
-
-def _open_journal(folder: RunFolder) -> tuple[JournalWriter, JournalContent]:
-    if folder.journal.exists():
-        return JournalWriter.resume(folder.journal)
-    return JournalWriter(folder.journal), JournalContent((), 0, None)
-
-
-def _note_session(journal: JournalWriter, content: JournalContent, folder: RunFolder) -> None:
-    noted: dict[str, Any] = {
-        "event": "resumed",
-        "session": len(folder.manifest["sessions"]) + 1,
-        "utc": utc_text(utc_now()),
-        "cut_bytes": content.torn_bytes,
-        "damage": content.problem,
-    }
-    journal.append("event", {}, noted)
+    return folder
 
 
 def _stored_plan(folder: RunFolder, profile: Profile) -> Plan:
@@ -253,31 +252,15 @@ def _stored_plan(folder: RunFolder, profile: Profile) -> Plan:
     return make_plan(kind, profile, read_plan(file) if file.is_file() else None)
 
 
-def _task(
-    folder: RunFolder,
-    profile: Profile,
-    plan: Plan,
-    options: BenchOptions,
-    content: JournalContent,
-    stop: StopSignals,
-    progress: Progress,
-) -> Task:
-    manifest = folder.manifest
-    scale = stored_scale(manifest.get("calibration"), folder.path) or profile_scale(profile)
-    ran = manifest.get("filter")
-    if isinstance(ran, dict):
-        model = FilterModel.from_dict(ran, source=f"{folder.path / 'run.json'}: filter")
-    else:
-        model = choose_filter(profile, None)
-    bench = stored_table(manifest, "bench")
-    simulation = stored_table(manifest, "simulation")
-    asked = replace(
+def _as_before(folder: RunFolder, options: BenchOptions) -> BenchOptions:
+    """Return options with the bench that a run was asked for."""
+    bench = stored_table(folder.manifest, "bench")
+    simulation = stored_table(folder.manifest, "simulation")
+    return replace(
         options,
         out=folder.path.parent,
         plant=str(simulation.get("plant", "as-modelled")),
         seed=int(simulation.get("seed", 0)),
         address=options.address or stored_address(folder),
         realtime=bool(bench.get("realtime")) if options.realtime is None else options.realtime,
-        motion=plan.motion,
     )
-    return Task(plan.kind, profile, asked, plan, scale, model, folder, stop, progress, content)

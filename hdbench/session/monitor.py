@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hdbench.devices import open_bench
-from hdbench.devices.bench import AcquisitionSettings, Bench, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Identity, SafeState
 from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
 from hdbench.profile import Profile
@@ -84,72 +84,58 @@ class Observation:
     samples: int
     lost: int
     saturated: int
-    channels: Mapping[str, ChannelStatistics]
-    safe: SafeState
+    channels: Mapping[str, Mapping[str, Any]]
+    safe_state: SafeState
     stopped_by: int | None
 
 
-@dataclass(slots=True)
-class Monitor:
-    """Samples a bench with its drive disabled."""
-
-    profile: Profile
-    scale: TorqueScale
-    model: FilterModel
-    watcher: Watcher
-    stop: StopSignals
-    duration_s: float | None = None
-    channels: dict[str, ChannelStatistics] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.channels = {name: ChannelStatistics(unit) for name, unit in _SHOWN.items()}
-
-    def observe(self, *, address: str | None, plant: str, seed: int) -> Observation:
-        """Look on until the time is over or a signal comes."""
-        where = address or self.profile.data.daq.address
-        with open_bench(
-            self.profile, plant=plant, seed=seed, address=address, realtime=True
-        ) as bench:
-            identity = bench.identity()
-            recorder = self._recorder()
-            signum: int | None = None
-            try:
-                self._watch(bench, recorder)
-            except StopRequested as request:
-                signum = request.signum
-            finally:
-                safe = bench.safe_state()
-                if not safe.confirmed:
-                    raise UnsafeError.unconfirmed(safe.detail, where=where)
-        period = recorder.sample_period_s
-        return Observation(
-            identity,
-            recorder.n_rows * period,
-            recorder.n_rows,
-            recorder.lost,
-            recorder.saturated,
-            self.channels,
-            safe,
-            signum,
-        )
-
-    def _recorder(self) -> TraceRecorder:
-        data = self.profile.data
-        gain = self.scale.gain_nm_per_v.value
-        return TraceRecorder(data, gain, self.model, None, data.daq.sample_period_s)
-
-    def _watch(self, bench: Bench, recorder: TraceRecorder) -> None:
-        period = recorder.sample_period_s
-        count = max(1, round((self.duration_s or _LONGEST_S) / period))
-        self.stop.check()
-        bench.configure(AcquisitionSettings(period, count, None))
-        recorder.begin(None)
-        bench.start()
-        while recorder.stage_rows < count:
-            block = next_block(bench, self.stop)
-            rows = recorder.add(block)
-            for name, statistics in self.channels.items():
-                statistics.add(rows[name])
-            total_s = math.nan if self.duration_s is None else self.duration_s
-            self.watcher.frame(recorder.frame("looking on, drive disabled", total_s, block, rows))
-        bench.stop()
+def observe(
+    profile: Profile,
+    scale: TorqueScale,
+    model: FilterModel,
+    watcher: Watcher,
+    stop: StopSignals,
+    *,
+    duration_s: float | None,
+    address: str | None,
+    plant: str,
+    seed: int,
+) -> Observation:
+    """Sample a bench with its drive disabled until the time is over or a signal comes."""
+    data = profile.data
+    period_s = data.daq.sample_period_s
+    recorder = TraceRecorder(data, scale.gain_nm_per_v.value, model, None, period_s)
+    channels = {name: ChannelStatistics(unit) for name, unit in _SHOWN.items()}
+    count = max(1, round((duration_s or _LONGEST_S) / period_s))
+    total_s = math.nan if duration_s is None else duration_s
+    signum: int | None = None
+    with open_bench(profile, plant=plant, seed=seed, address=address, realtime=True) as bench:
+        identity = bench.identity()
+        try:
+            stop.check()
+            bench.configure(AcquisitionSettings(period_s, count, None))
+            recorder.begin(None)
+            bench.start()
+            while recorder.stage_rows < count:
+                block = next_block(bench, stop)
+                rows = recorder.add(block)
+                for name, statistics in channels.items():
+                    statistics.add(rows[name])
+                watcher.frame(recorder.frame("looking on, drive disabled", total_s, block, rows))
+            bench.stop()
+        except StopRequested as request:
+            signum = request.signum
+        finally:
+            safe = bench.safe_state()
+            if not safe.confirmed:
+                raise UnsafeError.unconfirmed(safe.detail, where=address or data.daq.address)
+    return Observation(
+        identity,
+        recorder.n_rows * period_s,
+        recorder.n_rows,
+        recorder.lost,
+        recorder.saturated,
+        {name: statistics.to_dict() for name, statistics in channels.items()},
+        safe,
+        signum,
+    )

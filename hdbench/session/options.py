@@ -8,6 +8,7 @@ from pathlib import Path
 from hdbench.devices.bench import Operator
 from hdbench.devices.operator import Mistake
 from hdbench.diagnosis.planning.segments import MotionPlan
+from hdbench.evaluation import EvaluatedResult
 from hdbench.filter import FilterModel
 from hdbench.profile import Profile
 from hdbench.records import TorqueScale
@@ -15,11 +16,9 @@ from hdbench.records.journal import JournalContent
 from hdbench.records.runfolder import RunFolder
 from hdbench.session.calibrating.conversation import Conversation
 from hdbench.session.calibrating.plan import Preset
-from hdbench.session.evaluation import Evaluation
 from hdbench.session.plans import Plan
-from hdbench.session.runner import Progress
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Watcher
+from hdbench.session.watching import Progress, Watcher
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,14 +91,14 @@ class RunOutcome:
     ----------
     folder : RunFolder
         Where everything is kept.
-    evaluation : Evaluation
-        What came out of it.
+    result : CalibrationResult, MisalignmentResult or RippleResult
+        The result as result.json keeps it.
     doubts : tuple of str
         Reasons to doubt the data; with any, the command exits 6.
     """
 
     folder: RunFolder
-    evaluation: Evaluation
+    result: EvaluatedResult
     doubts: tuple[str, ...]
 
 

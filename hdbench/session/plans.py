@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -15,13 +17,52 @@ from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, pla
 from hdbench.errors import UsageError
 from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
 from hdbench.profile.schema import ProfileData, ReferenceWave
-from hdbench.records import FloatArray
-from hdbench.session.calibrating.points import Point
 
 # a row of twelve channels is 96 bytes in the journal and some 200 in the trace; a point of a
 # calibration has its raw samples beside it
 _ROW_BYTES = 320
 _POINT_BYTES = 64 << 10
+
+
+Role = Literal["zero-check", "shunt", "preload", "reading"]
+PREPARATIONS = ("zero-check", "shunt", "preload")
+"""Roles whose readings prepare the calibration and are no part of its loads."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One load to put on, to wait for and to read."""
+
+    number: int
+    role: Role
+    experiment: str
+    position_rad: float
+    range: str
+    direction: str
+    series: str
+    mass_kg: float
+    torque_nm: float
+    step_nm: float
+    read_after_s: float
+    label: str
+    position_index: int = 1
+    position_count: int = 1
+    repeat: int = 0
+
+    @property
+    def mounting(self) -> tuple[float, str]:
+        """Position and direction: what stays untouched from one point to the next."""
+        return self.position_rad, self.direction
+
+    def describe(self) -> str:
+        """Return the point in words."""
+        if self.role == "zero-check":
+            return f"{self.label}: no weight, bridge zero and range"
+        if self.role == "shunt":
+            return f"{self.label}: shunt resistor on, no weight"
+        return (
+            f"{self.label}: {self.mass_kg:g} kg {self.direction}, expect {self.torque_nm:+.3f} N m"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +137,8 @@ class Acquire:
         return f"{'no' if self.wave is None else self.wave.wave} reference for {length}"
 
 
+PLAN_NAME = "plan.json"
+"""File of a run folder with what a resumed run needs: points of a calibration, or a plan file."""
 Step = Lock | Place | Point | Put | Acquire
 
 
@@ -198,10 +241,7 @@ def ripple_plan(profile: ProfileData) -> Plan:
     run = profile.ripple
     return Plan(
         "ripple",
-        (
-            Lock(locked=False),
-            Acquire(run.reference, profile.daq.sample_period_s, run.duration_s),
-        ),
+        (Lock(locked=False), Acquire(run.reference, profile.daq.sample_period_s, run.duration_s)),
         run.duration_s,
     )
 
@@ -213,20 +253,17 @@ def motion_plan(kind: str, asked: MotionPlan, profile: ProfileData) -> Plan:
         first = problems[0]
         raise UsageError(first.what, where=first.where, fix=first.fix, problems=tuple(problems))
     places = sorted({load.position_rad for load in asked.loads if load.locked})
+    stages = {id(stage.load): stage for stage in plan_stages(asked)}
     steps: list[Step] = []
-    # a plan that begins with motion has asked for the free motor already
-    before = None if isinstance(asked.steps[0], LoadStep) else LoadStep("no load", 0.0)
-    for entry in asked.steps:
-        if isinstance(entry, LoadStep):
-            steps += _loading(entry, before, places, profile)
-            before = entry
-    stages = plan_stages(asked)
-    if not steps or stages[0].load is None:
-        steps = [Lock(locked=False), _acquire(stages[0], profile, asked), *steps]
-        stages = stages[1:]
-    for stage in stages:
-        at = next(i for i, s in enumerate(steps) if isinstance(s, Put) and s.load is stage.load)
-        steps.insert(at + 1, _acquire(stage, profile, asked))
+    before: LoadStep | None = None
+    if id(None) in stages:
+        steps = [Lock(locked=False), _acquire(stages[id(None)], profile, asked)]
+        before = LoadStep("no load", 0.0)
+    for load in asked.loads:
+        steps += _loading(load, before, places, profile)
+        if id(load) in stages:
+            steps.append(_acquire(stages[id(load)], profile, asked))
+        before = load
     return Plan(kind, tuple(steps), asked.duration_s, asked)
 
 
@@ -247,15 +284,14 @@ def _loading(
 
 def _acquire(stage: Stage, profile: ProfileData, asked: MotionPlan) -> Acquire:
     """Return what is recorded under one load."""
-    nothing = LoadStep("no load", 0.0)
     program = program_of(stage, profile)
-    still = stage.load is not None and stage.load.locked
-    period = profile.daq.sample_period_s
+    load = stage.load or LoadStep("no load", 0.0)
+    period_s = profile.daq.sample_period_s
     return Acquire(
-        None if still else program,
-        period,
-        program.n_samples * period,
-        (stage.load or nothing) if asked.loads else None,
+        None if load.locked else program,
+        period_s,
+        program.n_samples * period_s,
+        load if asked.loads else None,
     )
 
 
@@ -265,101 +301,89 @@ _ROUNDING = 1e-12
 def check_plan(plan: Plan, profile: ProfileData) -> None:
     """Hold every step against the profile's limits; nothing has moved yet."""
     check_tables(profile)
-    problems = [*_check_drives(plan, profile), *_check_pace(plan, profile)]
+    problems = [*_check_devices(plan, profile)]
     for number, step in enumerate(plan.steps, start=1):
         where = f"step {number} of the {plan.kind} plan"
         if isinstance(step, Acquire):
-            problems.extend(_check_motion(step, profile, where))
+            problems += _check_motion(step, profile, where)
         elif isinstance(step, Point):
-            problems.extend(_check_load(step, profile, where))
+            problems += _check_load(step, profile, where)
     if problems:
-        raise UsageError(
-            problems[0].what, where=problems[0].where, fix=problems[0].fix, problems=tuple(problems)
-        )
+        first = problems[0]
+        raise UsageError(first.what, where=first.where, fix=first.fix, problems=tuple(problems))
 
 
-def _check_drives(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
-    """Ask whether anything can move the motor, where the plan does."""
-    moving = next((s for s in plan.steps if isinstance(s, Acquire) and s.wave is not None), None)
-    if moving is None:
-        return
-    try:
-        check_drives(profile, moving.describe())
-    except UsageError as error:
-        yield error
-
-
-def _check_pace(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
-    """Hold the sampling periods against what the device and its wire sustain."""
-    periods = {
-        step.sample_period_s: step.describe() for step in plan.steps if isinstance(step, Acquire)
-    }
-    if any(isinstance(step, Point) for step in plan.steps):
+def _check_devices(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
+    """Ask whether something can move the motor, and whether devices and wires are fast enough."""
+    acquired = [step for step in plan.steps if isinstance(step, Acquire)]
+    checks = [
+        partial(check_drives, profile, step.describe())
+        for step in [step for step in acquired if step.wave is not None][:1]
+    ]
+    periods = {step.sample_period_s: step.describe() for step in acquired}
+    if plan.points:
         periods[profile.calibration.sample_period_s] = "the calibration"
-    for period_s, what in periods.items():
+    checks += [partial(check_pace, profile, period_s, what) for period_s, what in periods.items()]
+    for check in checks:
         try:
-            check_pace(profile, period_s, what)
+            check()
         except UsageError as error:
             yield error
 
 
-def _check_load(point: Point, profile: ProfileData, where: str) -> list[UsageError]:
+def _check_load(point: Point, profile: ProfileData, where: str) -> Iterator[UsageError]:
     """Hold a load against the drive's limit and the converter's range."""
     limit_nm = profile.limits.torque_nm
     volts = abs(point.torque_nm) / profile.sensor.gain_nm_per_v
-    problems = []
     if not abs(point.torque_nm) <= limit_nm:
-        problems.append(
-            UsageError(
-                f"{point.torque_nm:+.3f} N m is outside +-{limit_nm:g} N m",
-                where=where,
-                fix="use a lighter mass, or raise limits.torque_nm if the drive allows it",
-            )
+        yield UsageError(
+            f"{point.torque_nm:+.3f} N m is outside +-{limit_nm:g} N m",
+            where=where,
+            fix="use a lighter mass, or raise limits.torque_nm if the drive allows it",
         )
     elif not volts <= profile.daq.range_v:
-        problems.append(
-            UsageError(
-                f"{point.torque_nm:+.3f} N m would read {volts:.2f} V; the range ends at "
-                f"{profile.daq.range_v:g} V",
-                where=where,
-                fix="use a lighter mass, or lower the amplifier's gain (and sensor.gain_nm_per_v)",
-            )
+        yield UsageError(
+            f"{point.torque_nm:+.3f} N m would read {volts:.2f} V; the range ends at "
+            f"{profile.daq.range_v:g} V",
+            where=where,
+            fix="use a lighter mass, or lower the amplifier's gain (and sensor.gain_nm_per_v)",
         )
-    return problems
 
 
-def _travel(step: Acquire, profile: ProfileData) -> tuple[tuple[str, float, float, str, str], ...]:
-    """Return how far the motor gets from its start, rad, where the profile limits that."""
-    limit = profile.limits.travel_rad
-    if limit is None or step.wave is None:
-        return ()
+def _travel_rad(step: Acquire, profile: ProfileData) -> float:
+    """Return how far the motor gets from its start."""
     period_s = step.sample_period_s
+    if step.wave is None:
+        return 0.0
     if isinstance(step.wave, ReferenceProgram):
         volts = program_voltage(step.wave, period_s)
     else:
-        time_s: FloatArray = np.arange(step.n_samples, dtype=np.float64) * period_s
+        time_s = np.arange(step.n_samples, dtype=np.float64) * period_s
         volts = reference_voltage(step.wave, time_s, step.duration_s)
     angle = np.cumsum(volts) * period_s * profile.servo.velocity_gain_rad_s_per_v
-    return (("travel", float(np.max(np.abs(angle), initial=0.0)), limit, "rad", "travel_rad"),)
+    return float(np.max(np.abs(angle), initial=0.0))
 
 
-def _check_motion(step: Acquire, profile: ProfileData, where: str) -> list[UsageError]:
-    peak_v = step.peak_v
-    velocity = peak_v * profile.servo.velocity_gain_rad_s_per_v
-    limits = profile.limits
-    asked = (
-        ("reference", peak_v, limits.reference_v, "V", "reference_v"),
-        ("motor speed", velocity, limits.velocity_rad_s, "rad/s", "velocity_rad_s"),
-        ("duration", step.duration_s, limits.duration_s, "s", "duration_s"),
-        *_travel(step, profile),
-    )
-    return [
-        UsageError(
-            f"{name} {value:.6g} {unit} is above {limit:g} {unit}",
-            where=where,
-            fix=f"ask for less, or raise limits.{key} in the profile if the bench allows it",
-        )
-        for name, value, limit, unit, key in asked
-        # a speed at its limit comes back from volts with the rounding of a division
-        if not value <= limit * (1.0 + _ROUNDING)
+def _check_motion(step: Acquire, profile: ProfileData, where: str) -> Iterator[UsageError]:
+    limits, peak_v = profile.limits, step.peak_v
+    asked = [
+        ("reference", peak_v, "reference_v", "V"),
+        (
+            "motor speed",
+            peak_v * profile.servo.velocity_gain_rad_s_per_v,
+            "velocity_rad_s",
+            "rad/s",
+        ),
+        ("duration", step.duration_s, "duration_s", "s"),
     ]
+    if limits.travel_rad is not None:
+        asked.append(("travel", _travel_rad(step, profile), "travel_rad", "rad"))
+    for name, value, key, unit in asked:
+        limit = getattr(limits, key)
+        # a speed at its limit comes back from volts with the rounding of a division
+        if not value <= limit * (1.0 + _ROUNDING):
+            yield UsageError(
+                f"{name} {value:.6g} {unit} is above {limit:g} {unit}",
+                where=where,
+                fix=f"ask for less, or raise limits.{key} in the profile if the bench allows it",
+            )

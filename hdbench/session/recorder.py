@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -61,7 +62,7 @@ class TraceRecorder:
     stage_start_s: float = field(default=0.0, init=False)
     load: LoadStep | None = field(default=None, init=False)
     ended_s: float | None = field(default=None, init=False)
-    attempts: dict[int, int] = field(default_factory=dict, init=False)
+    attempts: Counter[int] = field(default_factory=Counter, init=False)
     _torque: HeldTorque = field(init=False)
 
     def __post_init__(self) -> None:
@@ -84,9 +85,8 @@ class TraceRecorder:
         self.stage_rows, self.load = 0, load
         self._torque = HeldTorque(self.sample_period_s)
         if step is not None:
-            self.attempts[step] = self.attempts.get(step, 0) + 1
-            noted = {"event": "acquisition", "step": step, "attempt": self.attempts[step]}
-            self._note(noted)
+            self.attempts[step] += 1
+            self._note({"event": "acquisition", "step": step, "attempt": self.attempts[step]})
 
     def end(self, step: int | None = None) -> None:
         """Note that an acquisition is over."""
@@ -145,20 +145,17 @@ class TraceRecorder:
         """Take over what an earlier session of this run has recorded."""
         for group in samples.groups:
             if group.step is not None:
-                attempts = self.attempts.get(group.step, 0)
-                self.attempts[group.step] = max(attempts, group.attempt)
-            if group.complete and not group.superseded:
-                self._take_over(samples.only(group))
-
-    def _take_over(self, samples: JournalSamples) -> None:
-        self.stage += bool(self.n_rows)
-        self.stage_rows, last_s = 0, 0.0
-        for block in samples.blocks():
-            rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
-            self._filter(rows)
-            last_s = float(rows["time_s"][-1])
-            self._count(len(rows["time_s"]), {k: int(block.extra.get(k, 0)) for k in _COUNTS})
-        self.stage_start_s = last_s - (self.stage_rows - 1) * self.sample_period_s
+                self.attempts[group.step] = max(self.attempts[group.step], group.attempt)
+            if not group.complete or group.superseded:
+                continue
+            self.stage += bool(self.n_rows)
+            self.stage_rows, last_s = 0, 0.0
+            for block in samples.only(group).blocks():
+                rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
+                self._filter(rows)
+                last_s = float(rows["time_s"][-1])
+                self._count(len(rows["time_s"]), {k: int(block.extra.get(k, 0)) for k in _COUNTS})
+            self.stage_start_s = last_s - (self.stage_rows - 1) * self.sample_period_s
 
     def _filter(self, rows: Mapping[str, FloatArray]) -> FloatArray:
         """Run the online filter over new rows and return the torque, N m."""

@@ -8,7 +8,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from hdbench.devices import Identity, open_bench
+from hdbench.devices import SimulatedOperator, open_bench
+from hdbench.devices.bench import Bench, Identity, Operator, SafeState
+from hdbench.devices.operator import Mistakes
 from hdbench.errors import (
     DataError,
     DeviceError,
@@ -21,12 +23,16 @@ from hdbench.errors import (
 from hdbench.records.journal import JournalWriter
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import check_space, free_reserve, keep_reserve
-from hdbench.session.calibrating.points import PLAN_NAME
+from hdbench.session.calibrating.conversation import Conversation, Unattended
+from hdbench.session.calibrating.plausibility import weights_of
+from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.evaluation import evaluate, store_evaluation
-from hdbench.session.measurement import Walker, make_walker
 from hdbench.session.options import RunOutcome, Task
+from hdbench.session.plans import PLAN_NAME
+from hdbench.session.runner import Runner
 from hdbench.session.stop import StopRequested
 
+Walker = Runner | CalibrationWalk
 GUARD_LOG = "guard.jsonl"
 
 
@@ -66,6 +72,15 @@ class Run:
         """Where everything is kept."""
         return self.task.folder
 
+    @property
+    def _safe(self) -> SafeState | None:
+        """What was read back after making the bench safe; None while nothing walked."""
+        return None if self.walker is None else self.walker.safe
+
+    @property
+    def _is_safe(self) -> bool:
+        return self._safe is not None and self._safe.confirmed
+
     def measure(self) -> None:
         """Walk the plan; on any way out the bench is safe and the run is marked."""
         try:
@@ -86,13 +101,12 @@ class Run:
             )
             raise self._ended("incomplete", storage) from error
         except Exception as error:
-            safe = None if self.walker is None else self.walker.safe
-            if self.walker is None or (safe is not None and safe.confirmed):
+            if self.walker is None or self._is_safe:
                 raise
             # a bug, but the motor may turn: that is told first
             bug = DeviceError(f"{type(error).__name__}: {error}", where="hdbench", fix="report it")
             raise self._ended("incomplete", bug) from error
-        if self.walker is None or self.walker.safe is None or not self.walker.safe.confirmed:
+        if not self._is_safe:
             raise self._ended("incomplete", self._unsafe(None))
 
     def _measure(self) -> None:
@@ -135,14 +149,12 @@ class Run:
     # -- the ways out -----------------------------------------------------------------------------
 
     def _unsafe(self, cause: HdbenchError | None) -> UnsafeError:
-        safe = self.walker.safe if self.walker else None
-        detail = safe.detail if safe else "no answer from the bench"
+        detail = self._safe.detail if self._safe else "no answer from the bench"
         because = f"; after: {cause.what}" if cause else ""
         return UnsafeError.unconfirmed(detail + because, where=str(self.folder.path))
 
     def _ended(self, status: str, error: HdbenchError) -> HdbenchError:
-        walker = self.walker
-        if walker is not None and not (walker.safe and walker.safe.confirmed):
+        if self.walker is not None and not self._is_safe:
             error = self._unsafe(error)
         self._keep(status, error.what)
         return error
@@ -206,4 +218,67 @@ class Run:
             raise self._stopped(StopRequested(self.task.stop.first))
         reason = "done" if not doubts else "done; data doubtful: " + "; ".join(doubts)
         store_evaluation(self.folder, found, files, reason)
-        return RunOutcome(self.folder, found, doubts)
+        return RunOutcome(self.folder, found[0], doubts)
+
+
+def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWriter) -> Walker:
+    """Return what walks a task."""
+    if task.kind == "calibration":
+        talk = _talk(task, simulated=bench.simulation is not None)
+        if bench.simulation is None and not talk.attended:
+            raise _needs_person(task, identity)
+        return CalibrationWalk(task, bench, journal, talk, _operator_with_mistakes(task, bench))
+    operator, embedded = _at_motion(task, bench, identity)
+    moved = [put for put in task.plan.loads if put.load.torque_nm and not put.load.locked]
+    if bench.simulation is not None and moved:
+        raise UsageError(
+            f"{moved[0].describe()}: a simulated bench has loads only while it is locked",
+            where=f"{task.kind} run",
+            fix="make the plan with hdbench plan --no-loads, or run it on a real bench",
+        )
+    return Runner(task, bench, operator, journal, person=not embedded)
+
+
+def _needs_person(task: Task, identity: Identity) -> UsageError:
+    return UsageError(
+        f"{identity.vendor} {identity.model} at an address is taken for a real bench, which needs "
+        "a person",
+        where=f"{task.kind} run",
+        fix="run without --no-input; motion alone can be confirmed with --yes; an emulator takes a "
+        "simulated operator with --control",
+    )
+
+
+def _at_motion(task: Task, bench: Bench, identity: Identity) -> tuple[Operator, bool]:
+    """Return who is asked, and whether this process started the bench, so that nobody need be."""
+    person, simulation = task.options.operator, bench.simulation
+    if simulation is not None and simulation.embedded:
+        return SimulatedOperator(bench), True
+    if person is None:
+        raise _needs_person(task, identity)
+    if simulation is not None:
+        return SimulatedOperator(bench, motion=person.confirm_motion), False
+    return person, False
+
+
+def _talk(task: Task, *, simulated: bool) -> Conversation:
+    """Return who answers: the person, or a rule at a simulated bench that nobody rehearses on."""
+    talk = task.options.talk
+    if talk is None:
+        return Unattended(lambda line: task.progress(line, 0.0))
+    if talk.attended and simulated and not task.options.rehearse:
+        return Unattended(lambda line: talk.tell(line, remarkable=True))
+    return talk
+
+
+def _operator_with_mistakes(task: Task, bench: Bench) -> SimulatedOperator | None:
+    """Return the operator of a simulated bench, with the mistakes that were asked for."""
+    if bench.simulation is None:
+        return None
+    options, shunt = task.options, task.profile.data.calibration.shunt
+    return SimulatedOperator(
+        bench,
+        Mistakes(options.mistakes, weights_of(task.plan.points), options.seed),
+        shunt_ohm=0.0 if shunt is None else shunt.resistor_ohm,
+        fresh=bench.simulation.embedded,
+    )

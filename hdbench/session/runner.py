@@ -1,20 +1,21 @@
-"""Safe runner: walks a plan and leaves the bench safe on every way out."""
+"""Safe runner: walks a plan with motion and leaves the bench safe on every way out."""
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
 from hdbench.devices.bench import AcquisitionSettings, Bench, Block, Operator, SafeState
 from hdbench.errors import DeviceError, UsageError
-from hdbench.profile.schema import ProfileData
+from hdbench.records import Trace
+from hdbench.records.counted import JournalSamples, SampleGroup, all_samples, survey_samples
+from hdbench.records.journal import JournalWriter
 from hdbench.session.limits import LimitWatch, SpeedWatch
-from hdbench.session.plans import Acquire, Lock, Place, Plan, Put, Step
+from hdbench.session.options import Task
+from hdbench.session.plans import Acquire, Lock, Place, Put, Step
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.stop import Aborted, StopSignals
-from hdbench.session.watching import Watcher
 
 _STALL_S = 2.0  # a bench that hands out no sample for this long has stopped sampling
 
@@ -42,80 +43,89 @@ def next_block(bench: Bench, stop: StopSignals) -> Block:
         time.sleep(0.002)
 
 
-Progress = Callable[[str, float], None]
-"""Called with what is going on and the share done, 0 to 1."""
+def counted(numbers: Iterable[tuple[int, str]]) -> tuple[str, ...]:
+    """Return in words what is not 0."""
+    return tuple(f"{count} {what}" for count, what in numbers if count)
 
 
-@dataclass(slots=True)
 class Runner:
-    """Executes one plan on one bench."""
+    """One run with motion on one bench; a signal interrupts a question to a person."""
 
-    profile: ProfileData
-    bench: Bench
-    operator: Operator
-    stop: StopSignals
-    progress: Progress
-    recorder: TraceRecorder
-    person: bool = False
-    watcher: Watcher = field(default_factory=Watcher)
-    total_s: float = field(default=math.nan, init=False)
-    safe: SafeState | None = field(default=None, init=False)
+    def __init__(
+        self, task: Task, bench: Bench, operator: Operator, journal: JournalWriter, *, person: bool
+    ) -> None:
+        self._task = task
+        self._bench = bench
+        self._operator = operator
+        self._person = person
+        data = task.profile.data
+        gain = task.scale.gain_nm_per_v.value
+        self.recorder = TraceRecorder(data, gain, task.model, journal, data.daq.sample_period_s)
+        self.safe: SafeState | None = None
+        moves = [step for step in task.plan.steps if isinstance(step, Acquire)]
+        self._total_s = sum(step.n_samples * step.sample_period_s for step in moves)
+        self._earlier: JournalSamples | None = None
 
-    def run(self, plan: Plan, done: Collection[int] = ()) -> None:
-        """Walk the plan; the bench is safe afterwards, whatever happened.
+    def run(self) -> None:
+        """Walk the plan but for the acquisitions that earlier sessions completed.
 
-        `safe` holds what was read back; the caller reports an unconfirmed safe state.
+        The bench is safe afterwards, whatever happened: `safe` holds what was read back; the
+        caller reports an unconfirmed safe state.
         """
-        moves = [step for step in plan.steps if isinstance(step, Acquire)]
-        self.total_s = sum(step.n_samples * step.sample_period_s for step in moves)
+        done: set[int | None] = set()
         try:
-            for number, step in enumerate(plan.steps):
-                self.stop.check()
-                self.progress(step.describe(), number / len(plan.steps))
+            if self._task.content is not None:
+                self._earlier = all_samples(self._task.content)
+                self.recorder.take_over(self._earlier)
+                done = {group.step for group in self._earlier.groups if group.complete}
+            steps = self._task.plan.steps
+            for number, step in enumerate(steps):
+                self._task.stop.check()
+                self._task.progress(step.describe(), number / len(steps))
                 if number not in done:
                     self._step(step, number)
         finally:
-            self.safe = self.bench.safe_state()
+            self.safe = self._bench.safe_state()
 
     def _step(self, step: Step, number: int) -> None:
+        operator, what = self._operator, step.describe()
         match step:
             case Lock():
-                self._ask(lambda: self.operator.confirm_lock(locked=step.locked), step.describe())
+                self._ask(lambda: operator.confirm_lock(locked=step.locked), what)
             case Place():
                 self._ask(
-                    lambda: self.operator.set_position(
+                    lambda: operator.set_position(
                         step.position_rad, index=step.index, count=step.count
                     ),
-                    step.describe(),
+                    what,
                 )
             case Put():
                 self._ask(
-                    lambda: self.operator.hang(
+                    lambda: operator.hang(
                         step.mass_kg,
                         direction=step.direction,
                         expected_nm=step.load.torque_nm,
                         step=step.load.text,
                     ),
-                    step.describe(),
+                    what,
                 )
             case Acquire():
-                self._ask(
-                    lambda: self.operator.confirm_motion(step.describe()), "confirm the motion"
-                )
+                self._ask(lambda: operator.confirm_motion(what), "confirm the motion")
                 self._acquire(step, number)
             case _:
                 raise UsageError(
-                    f"{step.describe()}: a load of a calibration in a run with motion",
+                    f"{what}: a load of a calibration in a run with motion",
                     where=f"step {number + 1} of the plan",
                     fix="use hdbench calibrate",
                 )
 
     def _ask(self, question: Callable[[], bool], what: str) -> None:
-        if self.person:
-            self.watcher.asking(now=True)
-            with self.stop.interruptible():
+        if self._person:
+            watcher = self._task.options.watcher
+            watcher.asking(now=True)
+            with self._task.stop.interruptible():
                 answer = question()
-            self.watcher.asking(now=False)
+            watcher.asking(now=False)
         else:
             answer = question()
         if not answer:
@@ -125,23 +135,67 @@ class Runner:
                 fix="start the experiment again when the bench is ready",
             )
 
-    # -- motion ---------------------------------------------------------------------------------
-
     def _acquire(self, step: Acquire, number: int) -> None:
-        recorder = self.recorder
-        self.stop.check()
-        self.bench.configure(AcquisitionSettings(step.sample_period_s, step.n_samples, step.wave))
+        task, bench, recorder = self._task, self._bench, self.recorder
+        data, what = task.profile.data, step.describe()
+        task.stop.check()
+        bench.configure(AcquisitionSettings(step.sample_period_s, step.n_samples, step.wave))
         recorder.begin(step.load, number)
-        range_rad_s = self.profile.daq.range_v * self.profile.tacho.gain_rad_s_per_v
-        limits = LimitWatch(self.profile.limits)
-        speed = SpeedWatch(step.sample_period_s, range_rad_s)
-        self.bench.start()
+        limits = LimitWatch(data.limits)
+        speed = SpeedWatch(step.sample_period_s, data.daq.range_v * data.tacho.gain_rad_s_per_v)
+        bench.start()
         while recorder.stage_rows < step.n_samples:
-            block = next_block(self.bench, self.stop)
+            block = next_block(bench, task.stop)
             rows = recorder.add(block)
             limits.check(block, rows)
             speed.check(block, rows)
-            self.progress(step.describe(), recorder.stage_rows / step.n_samples)
-            self.watcher.frame(recorder.frame(step.describe(), self.total_s, block, rows))
-        self.bench.stop()
+            task.progress(what, recorder.stage_rows / step.n_samples)
+            task.options.watcher.frame(recorder.frame(what, self._total_s, block, rows))
+        bench.stop()
         recorder.end(number)
+
+    # -- what is kept -----------------------------------------------------------------------------
+
+    def records(self) -> Trace | None:
+        """Return the trace."""
+        samples = self._samples()
+        return samples.trace(str(self._task.folder.trace)) if samples else None
+
+    def files(self) -> list[Path]:
+        """Write the trace, and the acquisitions that were broken off and repeated, one each."""
+        folder, samples = self._task.folder, self._samples()
+        written = []
+        if samples is not None:
+            samples.write(folder.trace)
+            written.append(folder.trace)
+        if self._earlier is not None:
+            for number, group in enumerate(self._broken_off(), start=1):
+                path = folder.path / f"trace-broken-off-{number}.csv"
+                self._earlier.only(group).write(path)
+                written.append(path)
+        return written
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return losses, saturation and a torque that did not change."""
+        recorder = self.recorder
+        return counted(
+            (
+                (recorder.lost, "samples lost"),
+                (recorder.saturated, "samples saturated"),
+                (recorder.held, "samples of the torque that did not change while the motor turned"),
+            )
+        )
+
+    def _samples(self) -> JournalSamples | None:
+        """Return what counts of the journal: not what earlier sessions broke off."""
+        journal = self._task.folder.journal
+        if not journal.exists():
+            return None
+        broken = {(group.step, group.attempt) for group in self._broken_off()}
+        found = survey_samples(journal, lambda group: (group.step, group.attempt) not in broken)
+        return found if len(found) else None
+
+    def _broken_off(self) -> list[SampleGroup]:
+        """Return the acquisitions that earlier sessions broke off."""
+        groups = () if self._earlier is None else self._earlier.groups
+        return [group for group in groups if not group.complete]

@@ -74,16 +74,20 @@ def prove_watchdog(
                 fix="use a device that has one for everything that moves",
             )
         try:
-            seen = _creep(data, bench, stop)
+            creep = _creep(data, bench, stop)
             watchdog_s = bench.daq.watchdog().time_s
             _be_silent(bench, watchdog_s + _BRAKING_S, stop)
-            found = _look(bench.daq, data)
+            tripped, after, failed = False, None, ""
+            try:
+                tripped = bench.daq.watchdog().tripped
+                after = _speed(bench.daq, data)
+            except HdbenchError as error:
+                tripped, failed = False, error.what
         finally:
             safe = bench.safe_state()
             if not safe.confirmed:
-                where = address or data.daq.address
-                raise UnsafeError.unconfirmed(safe.detail, where=where)
-    return _judged(seen, watchdog_s, found, safe)
+                raise UnsafeError.unconfirmed(safe.detail, where=address or data.daq.address)
+    return _judged(creep, watchdog_s, (tripped, after, failed), safe)
 
 
 def _creep(data: ProfileData, bench: GuardedBench, stop: StopSignals) -> float:
@@ -114,15 +118,6 @@ def _be_silent(bench: GuardedBench, silence_s: float, stop: StopSignals) -> None
     while time.monotonic() < until_s:
         stop.check()
         time.sleep(0.02)
-
-
-def _look(daq: Daq, data: ProfileData) -> tuple[bool, float | None, str]:
-    """Return whether the watchdog says that it acted, the motor's speed, and what failed."""
-    try:
-        tripped = daq.watchdog().tripped
-        return tripped, _speed(daq, data), ""
-    except HdbenchError as error:
-        return False, None, error.what
 
 
 def _speed(daq: Daq, data: ProfileData) -> float | None:

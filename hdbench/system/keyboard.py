@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 _CHUNK = 64
 # how often the console of Windows is looked at, s
@@ -19,36 +19,72 @@ _CTRL_C = "\x03"
 _SPECIAL = ("\x00", "\xe0")
 
 
-class Keyboard(Protocol):
-    """Reads standard input, or another file, without a wait where nothing has come."""
+def keyboard(descriptor: int) -> Keyboard:
+    """Return what reads a file in the way of this system."""
+    with suppress(ImportError):
+        import termios  # noqa: F401 - asked for, not used
+
+        return _Terminal(descriptor)
+    with suppress(ImportError):
+        import msvcrt
+
+        if os.isatty(descriptor):
+            return _Console(descriptor, msvcrt)
+    return Keyboard(descriptor)
+
+
+class Keyboard:
+    """Reads standard input, or another file, in a thread: where it cannot be waited for."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._next: bytes | None = None
+        self._thread: threading.Thread | None = None
 
     def take_single(self) -> bool:
         """Let a terminal hand each key over at once, without echo; return whether it does."""
+        return False
 
     def give_back(self) -> None:
         """Set the terminal as it was. Never raises."""
 
     def ready(self, seconds: float) -> bool:
         """Return whether `read` has something, or the end, within this time."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="input", daemon=True)
+            self._thread.start()
+        if self._next is None:
+            with suppress(queue.Empty):
+                self._next = self._pieces.get(timeout=max(seconds, 1e-3))
+        return self._next is not None
 
     def read(self) -> bytes:
         """Wait for what comes next, and return it; nothing at the end."""
+        # in short waits: on Windows Ctrl-C does not end a long one
+        while not self.ready(_LOOK_S):
+            pass
+        piece, self._next = self._next or b"", None
+        return piece
+
+    def _run(self) -> None:
+        piece = b" "
+        while piece:
+            piece = self._piece()
+            self._pieces.put(piece)
+
+    def _piece(self) -> bytes:
+        try:
+            return os.read(self._descriptor, _CHUNK)
+        except OSError:  # the terminal has gone
+            return b""
 
 
-def keyboard(descriptor: int) -> Keyboard:
-    """Return what reads a file in the way of this system."""
-    try:
-        import termios  # noqa: F401 - asked for, not used
-    except ImportError:
-        return _console(descriptor) or _Lines(descriptor)
-    return _Terminal(descriptor)
-
-
-class _Terminal:
+class _Terminal(Keyboard):
     """In the manner of POSIX."""
 
     def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+        super().__init__(descriptor)
         self._before: Any = None
 
     def take_single(self) -> bool:
@@ -80,59 +116,18 @@ class _Terminal:
             return True
 
     def read(self) -> bytes:
-        return _read(self._descriptor)
+        return self._piece()
 
 
-class _Lines:
-    """Reads in a thread: where a pipe cannot be waited for."""
-
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        self._pieces: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        self._next: bytes | None = None
-        self._thread: threading.Thread | None = None
-
-    def take_single(self) -> bool:
-        return False
-
-    def give_back(self) -> None:
-        pass
-
-    def ready(self, seconds: float) -> bool:
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="input", daemon=True)
-            self._thread.start()
-        if self._next is None:
-            with suppress(queue.Empty):
-                self._next = self._pieces.get(timeout=max(seconds, 1e-3))
-        return self._next is not None
-
-    def read(self) -> bytes:
-        # in short waits: on Windows Ctrl-C does not end a long one
-        while not self.ready(_LOOK_S):
-            pass
-        piece, self._next = self._next or b"", None
-        return piece
-
-    def _run(self) -> None:
-        while True:
-            piece = _read(self._descriptor)
-            self._pieces.put(piece)
-            if not piece:
-                return
-
-
-class _Console:
+class _Console(Keyboard):
     """The console of Windows."""
 
-    def __init__(self, msvcrt: Any) -> None:
+    def __init__(self, descriptor: int, msvcrt: Any) -> None:
+        super().__init__(descriptor)
         self._msvcrt = msvcrt
 
     def take_single(self) -> bool:
         return True
-
-    def give_back(self) -> None:
-        pass
 
     def ready(self, seconds: float) -> bool:
         until_s = time.monotonic() + seconds
@@ -153,18 +148,3 @@ class _Console:
             self._msvcrt.getwch()
             return b"\x1b"
         return key.encode(errors="replace")
-
-
-def _console(descriptor: int) -> _Console | None:
-    try:
-        import msvcrt
-    except ImportError:
-        return None
-    return _Console(msvcrt) if os.isatty(descriptor) else None
-
-
-def _read(descriptor: int) -> bytes:
-    try:
-        return os.read(descriptor, _CHUNK)
-    except OSError:  # the terminal has gone
-        return b""

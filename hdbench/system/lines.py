@@ -88,46 +88,7 @@ class PortIo(Protocol):
 
 def port_io(port: Serial) -> PortIo:
     """Return what reads and writes an open port in the way of this system."""
-    try:
-        import termios  # noqa: F401 - asked for, not used
-    except ImportError:
-        return _PolledIo(port)
-    return _FileIo(port)
-
-
-class _FileIo:
-    """A port that is a file."""
-
-    def __init__(self, port: Serial) -> None:
-        self._port = port
-        self._descriptor = port.fileno()
-
-    def readable(self, wait_s: float) -> bool:
-        return bool(select.select((self._descriptor,), (), (), max(0.0, wait_s))[0])
-
-    def writable(self, wait_s: float) -> bool:
-        return bool(select.select((), (self._descriptor,), (), max(0.0, wait_s))[1])
-
-    def read(self, size: int) -> bytes:
-        return os.read(self._descriptor, size)
-
-    def write(self, data: bytes) -> int:
-        try:
-            return os.write(self._descriptor, data)
-        except BlockingIOError:
-            return 0
-
-    def is_gone(self) -> bool:
-        import termios
-
-        try:
-            termios.tcgetattr(self._descriptor)
-        except termios.error:
-            return True
-        return False
-
-    def close(self) -> None:
-        self._port.close()
+    return _FileIo(port) if can_share_ports() else _PolledIo(port)
 
 
 class _PolledIo:
@@ -163,13 +124,45 @@ class _PolledIo:
         self._port.close()
 
 
+class _FileIo(_PolledIo):
+    """A port that is a file."""
+
+    def __init__(self, port: Serial) -> None:
+        super().__init__(port)
+        self._descriptor = port.fileno()
+
+    def readable(self, wait_s: float) -> bool:
+        return bool(select.select((self._descriptor,), (), (), max(0.0, wait_s))[0])
+
+    def writable(self, wait_s: float) -> bool:
+        return bool(select.select((), (self._descriptor,), (), max(0.0, wait_s))[1])
+
+    def read(self, size: int) -> bytes:
+        return os.read(self._descriptor, size)
+
+    def write(self, data: bytes) -> int:
+        try:
+            return os.write(self._descriptor, data)
+        except BlockingIOError:
+            return 0
+
+    def is_gone(self) -> bool:
+        import termios
+
+        try:
+            termios.tcgetattr(self._descriptor)
+        except termios.error:
+            return True
+        return False
+
+
 def can_share_ports() -> bool:
     """Return whether two programs can have one serial port open; on Windows they cannot."""
-    try:
+    with suppress(ImportError):
         import termios  # noqa: F401 - asked for, not used
-    except ImportError:
-        return False
-    return True
+
+        return True
+    return False
 
 
 def may_open(path: str) -> bool:

@@ -18,8 +18,7 @@ from hdbench.profile.scaling import measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
 from hdbench.records.csvtext import safe_cell
 from hdbench.results import RESULT_TYPES
-from hdbench.trend.charts import EWMA_WEIGHT
-from hdbench.trend.history import Change, History, study_history
+from hdbench.trend.charts import EWMA_WEIGHT, Change, Chart, History, Limits, Signal, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
 from hdbench.trend.remarks import remarks
 
@@ -249,17 +248,29 @@ def _body(
     signals = [
         {
             "chart": signal.chart,
-            "run": rows[signal.index]["run"],
-            "time_utc": rows[signal.index]["time_utc"],
+            **{key: rows[signal.index][key] for key in ("run", "time_utc")},
             "value": signal.value,
             "limit": signal.limit,
         }
         for signal in history.signals
     ]
+    chart, limits, told = history.chart, history.limits, None
+    if chart is not None and limits is not None:
+        rows = _with_limits(rows, chart, limits, history.signals)
+        told = {
+            "center": {
+                "value": chart.center,
+                "std": float(np.sqrt(1.0 / np.sum(1.0 / chart.stds**2))),
+                "dof": None,
+            },
+            "between_run_std": chart.between_std,
+            "run_std": float(np.median(chart.stds)),
+            "factors": asdict(limits),
+        }
     drift = history.drift_per_month
     return {
-        "points": rows if history.chart is None else _with_limits(rows, history),
-        "limits": _limits(history),
+        "points": rows,
+        "limits": told,
         "why_no_limits": history.why_not or None,
         "signals": signals,
         "drift_per_month": None if drift is None else _interval(drift),
@@ -272,37 +283,25 @@ def _interval(quantity: Quantity) -> dict[str, Any]:
     return {**quantity.to_dict(), "interval": list(quantity.interval())}
 
 
-def _limits(history: History) -> dict[str, Any] | None:
-    if history.chart is None or history.limits is None:
-        return None
-    chart = history.chart
-    std = float(np.sqrt(1.0 / np.sum(1.0 / chart.stds**2)))
-    return {
-        "center": {"value": chart.center, "std": std, "dof": None},
-        "between_run_std": chart.between_std,
-        "run_std": float(np.median(chart.stds)),
-        "factors": asdict(history.limits),
+def _with_limits(
+    rows: list[dict[str, Any]], chart: Chart, limits: Limits, signals: Sequence[Signal]
+) -> list[dict[str, Any]]:
+    """Return the points with what the charts say of each, as plain numbers."""
+    reach, slow = limits.individuals * chart.stds, limits.ewma * chart.ewma_stds
+    columns = {
+        "lower": (chart.center - reach).tolist(),
+        "upper": (chart.center + reach).tolist(),
+        # a range belongs to the later run
+        "moving_range": [None, *chart.moving_range.tolist()],
+        "moving_range_upper": [None, *(limits.moving_range * chart.expected_range).tolist()],
+        "ewma": chart.ewma.tolist(),
+        "ewma_lower": (chart.center - slow).tolist(),
+        "ewma_upper": (chart.center + slow).tolist(),
+        "signals": [[s.chart for s in signals if s.index == k] for k in range(len(rows))],
     }
-
-
-def _with_limits(rows: list[dict[str, Any]], history: History) -> list[dict[str, Any]]:
-    chart, limits = history.chart, history.limits
-    if chart is None or limits is None:
-        return rows
-    seen = [[s.chart for s in history.signals if s.index == k] for k in range(len(rows))]
-    reach = limits.individuals * chart.stds
-    slow = limits.ewma * chart.ewma_stds
-    for k, row in enumerate(rows):
-        row["lower"], row["upper"] = chart.center - reach[k], chart.center + reach[k]
-        row["moving_range"] = chart.moving_range[k - 1] if k else None
-        row["moving_range_upper"] = limits.moving_range * chart.expected_range[k - 1] if k else None
-        row["ewma"] = chart.ewma[k]
-        row["ewma_lower"], row["ewma_upper"] = chart.center - slow[k], chart.center + slow[k]
-        row["signals"] = seen[k]
-    # plain numbers, as JSON has them
     return [
-        {key: x.item() if isinstance(x, np.generic) else x for key, x in row.items()}
-        for row in rows
+        {**row, **{name: column[k] for name, column in columns.items()}}
+        for k, row in enumerate(rows)
     ]
 
 
@@ -312,8 +311,7 @@ def _change(
     step = change.step
     before, here = rows[step.earliest - 1]["time_utc"], rows[step.latest]["time_utc"]
     return {
-        "run": rows[step.index]["run"],
-        "time_utc": rows[step.index]["time_utc"],
+        **{key: rows[step.index][key] for key in ("run", "time_utc")},
         "probability": step.probability,
         "earliest_run": rows[step.earliest]["run"],
         "latest_run": rows[step.latest]["run"],

@@ -12,6 +12,7 @@ from terminal import RUN, Person
 from hdbench.records import resolve_input
 from hdbench.records.recovery import verify_run
 from hdbench.session.calibrating.conversation import LiveReading
+from hdbench.session.calibrating.settling import Judgement
 from hdbench_cli.asking.conversation import live_line
 
 
@@ -153,10 +154,8 @@ def test_the_end_of_piped_answers_keeps_the_run(bench, out):
 
 
 def test_the_live_line_fits_a_small_terminal():
-    live = LiveReading(
-        "p4-ccw-full", -9.8765, -1234.5, 9.8765, -65.432, 0.5, 31.0, 29.0, 60.0, None
-    )
-    line = live_line(live)
+    judged = Judgement(-9.8765, -1234.5, 9.8765, 0.5, None, None)
+    line = live_line(LiveReading(judged, -65.432, 31.0))
     assert len("  " + line) <= 80
     assert "[#####.....]" in line
     assert "-9.8765 V -65.432 N m" in line

@@ -24,7 +24,7 @@ def quiet_profile(**changes: dict[str, Any]) -> ProfileData:
 
 def plant(**keys: Any) -> PlantSpec:
     """Return a plant from the keys of its file."""
-    return PlantSpec(PlantFile.model_validate({"name": "test", **keys}), "", "", "test")
+    return PlantSpec(PlantFile.model_validate({"name": "test", **keys}), "")
 
 
 AS_MODELLED = load_plant("as-modelled")

@@ -47,30 +47,28 @@ def test_friction_is_odd_half_way_at_the_transition_and_viscous_beyond() -> None
     assert torque[4] == pytest.approx(0.3 * (1 - 2 / math.pi / 200) + 0.2, rel=1e-6)
 
 
-def test_orders_follow_their_angle() -> None:
-    motor = MotorOrder(6.0, 0.2, 0.5).torque_nm(MOTION)
-    np.testing.assert_allclose(motor, 0.2 * np.cos(6 * ANGLE + 0.5), **EXACT)
-    output = OutputOrder(2.0, 0.4, -0.5).torque_nm(MOTION)
-    np.testing.assert_allclose(output, 0.4 * np.cos(2 * ANGLE / 100 - 0.5), **EXACT)
-
-
-def test_a_tone_follows_the_clock_alone() -> None:
-    tone = Tone(50.03, 0.1, 0.7).torque_nm(MOTION)
-    np.testing.assert_allclose(tone, 0.1 * np.cos(2 * np.pi * 50.03 * TIME + 0.7), **EXACT)
-
-
-def test_zero_steps_and_drifts_from_the_start_of_the_acquisition() -> None:
-    step = ZeroStep(4.0, -0.2).torque_nm(MOTION)
-    assert set(step[TIME < 4.0]) == {0.0}
-    assert set(step[TIME >= 4.0]) == {-0.2}
-    drift = ZeroDrift(0.01).torque_nm(MOTION)
-    assert drift[0] == 0.0
-    # closed form: rounding
-    assert drift[-1] == pytest.approx(0.095, rel=1e-12)
-
-
-def test_gain_error_scales_the_transmitted_torque() -> None:
-    np.testing.assert_allclose(GainError(0.02).torque_nm(MOTION), 0.06 * np.sin(2 * TIME), **EXACT)
+@pytest.mark.parametrize(
+    ("effect", "torque_nm"),
+    [
+        (MotorOrder(6.0, 0.2, 0.5), 0.2 * np.cos(6 * ANGLE + 0.5)),
+        (OutputOrder(2.0, 0.4, -0.5), 0.4 * np.cos(2 * ANGLE / 100 - 0.5)),
+        # by the clock alone
+        (Tone(50.03, 0.1, 0.7), 0.1 * np.cos(2 * np.pi * 50.03 * TIME + 0.7)),
+        (GainError(0.02), 0.06 * np.sin(2 * TIME)),
+        (ZeroStep(4.0, -0.2), np.where(TIME >= 4.0, -0.2, 0.0)),
+        # from the start of the acquisition
+        (ZeroDrift(0.01), 0.01 * np.clip(TIME, 0.0, None)),
+        (TransmissionError(1.0, 0.02, 0.7), np.zeros_like(TIME)),
+        (Cogging(12.0, 0.2, 0.5, 0.0), 0.2 * np.cos(12 * ANGLE + 0.5)),
+        # a row of harmonics that decays: 0.3^30 is 2e-16
+        (
+            Cogging(12.0, 0.2, 0.5, 0.3),
+            sum(0.2 * 0.3 ** (k - 1) * np.cos(k * (12 * ANGLE + 0.5)) for k in range(1, 31)),
+        ),
+    ],
+)
+def test_the_torque_of_an_effect_is_its_closed_form(effect, torque_nm) -> None:
+    np.testing.assert_allclose(effect.torque_nm(MOTION), torque_nm, **EXACT)
 
 
 def test_a_tooth_bump_returns_once_per_output_turn() -> None:
@@ -94,19 +92,8 @@ def test_friction_by_direction_is_even_and_half_way_at_the_transition() -> None:
     np.testing.assert_allclose(torque, want, **EXACT)
 
 
-def test_cogging_is_a_row_of_harmonics_that_decays() -> None:
-    torque = Cogging(12.0, 0.2, 0.5, 0.3).torque_nm(MOTION)
-    x = 12 * ANGLE + 0.5
-    # 0.3^30 is 2e-16
-    row = sum(0.2 * 0.3 ** (k - 1) * np.cos(k * x) for k in range(1, 31))
-    np.testing.assert_allclose(torque, row, **EXACT)
-    pure = Cogging(12.0, 0.2, 0.5, 0.0).torque_nm(MOTION)
-    np.testing.assert_allclose(pure, 0.2 * np.cos(x), **EXACT)
-
-
-def test_a_transmission_error_is_no_torque_but_an_angle() -> None:
+def test_a_transmission_error_is_an_angle() -> None:
     once, motor = TransmissionError(1.0, 0.02, 0.7), TransmissionError(100.0, 0.001, 0.0)
-    assert set(once.torque_nm(MOTION)) == {0.0}
     error = encoder_error_rad((GainError(0.1), once, motor), ANGLE, 100.0)
     want = 0.02 * (np.cos(ANGLE / 100 + 0.7) - math.cos(0.7)) + 0.001 * (np.cos(ANGLE) - 1)
     np.testing.assert_allclose(error, want, **EXACT)

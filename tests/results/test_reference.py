@@ -101,7 +101,7 @@ def fresh(request, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[
     profile = load_profile("cim-tr-97-06")
     folder, found = evaluate_stored(kind, source, profile, out=tmp_path_factory.mktemp(kind))
     body = json.loads(folder.result.read_text(encoding="utf-8"))
-    assert body == json.loads(json.dumps(found.result.to_json()))
+    assert body == json.loads(json.dumps(found.to_json()))
     return kind, body
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
-from fakes import FakeBench, quiet
+from fakes import WHOLE, FakeBench, opened, task_in
 
-from hdbench.profile import load_profile
-from hdbench.records.journal import JournalWriter, read_journal
+from hdbench.records.journal import read_journal
+from hdbench.session import Plan
 from hdbench.session.calibrating.conversation import Answer, Question, Reply, Unattended
 from hdbench.session.calibrating.plan import calibration_points
-from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting
 from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.stop import StopSignals
 
@@ -21,7 +21,7 @@ _SHORT = {
     "ranges": ("low",),
     "low_masses_kg": (0.0, 0.5, 1.0),
 }
-_DATA = load_profile("cim-tr-97-06").data
+_DATA = WHOLE.data
 PROFILE = _DATA.model_copy(update={"calibration": _DATA.calibration.model_copy(update=_SHORT)})
 LEVER = PROFILE.arm.gravity_m_s2 * PROFILE.arm.length_m
 GAIN = PROFILE.sensor.gain_nm_per_v
@@ -107,26 +107,11 @@ def make_walk(
 ) -> CalibrationWalk:
     """Return a walk over the journal in `folder`, resumed where there is one."""
     bench = bench or FakeBench()
-    path = folder / "journal.hdj"
-    state = CalibrationState(points or calibration_points(profile))
-    if path.exists():
-        journal, content = JournalWriter.resume(path)
-        log = CalibrationLog(journal, state)
-        log.replay(content)
-    else:
-        journal = JournalWriter(path)
-        log = CalibrationLog(journal, state)
-    hands = hands or FakeHands(bench)
-    return CalibrationWalk(
-        profile,
-        bench,
-        log,
-        talk or Unattended(),
-        Mounting(profile, log, hands),
-        stop or StopSignals(),
-        quiet,
-        str(folder),
-    )
+    plan = Plan("calibration", tuple(points or calibration_points(profile)), 0.0)
+    journal, content = opened(folder)
+    whole = replace(WHOLE, data=profile)
+    task = task_in(folder, plan, profile=whole, stop=stop, content=content)
+    return CalibrationWalk(task, bench, journal, talk or Unattended(), hands or FakeHands(bench))
 
 
 def blocks(folder: Path) -> list[tuple[str, dict]]:

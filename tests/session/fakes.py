@@ -2,16 +2,51 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
 from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeState
 from hdbench.errors import DeviceError
+from hdbench.filter import preset
+from hdbench.profile import load_profile
+from hdbench.profile.scaling import profile_scale
+from hdbench.records.journal import JournalContent, JournalWriter
+from hdbench.session import BenchOptions, Plan
+from hdbench.session.options import Task
+from hdbench.session.stop import StopSignals
+
+WHOLE = load_profile("cim-tr-97-06")
 
 
 def quiet(_what: str, _share: float) -> None:
     """Say nothing of the progress."""
+
+
+def opened(path: Path) -> tuple[JournalWriter, JournalContent | None]:
+    """Return the journal in a folder and what it holds already."""
+    if (path / "journal.hdj").exists():
+        return JournalWriter.resume(path / "journal.hdj")
+    return JournalWriter(path / "journal.hdj"), None
+
+
+def task_in(path: Path, plan: Plan, *, profile=WHOLE, stop=None, content=None) -> Task:
+    """Return a run in a folder that holds nothing but its journal."""
+    folder = SimpleNamespace(path=path, journal=path / "journal.hdj", trace=path / "trace.csv")
+    model = preset("report-6", WHOLE.data)
+    return Task(
+        plan.kind,
+        profile,
+        BenchOptions(path),
+        plan,
+        profile_scale(WHOLE),
+        model,
+        folder,
+        stop or StopSignals(),
+        quiet,
+        content,
+    )
 
 
 class FakeBench:

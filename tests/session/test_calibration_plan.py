@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import asdict
 
 import pytest
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
-from hdbench.session.calibrating.plan import calibration_plan, calibration_points
-from hdbench.session.calibrating.points import point_from_dict, read_points, write_points
+from hdbench.session.calibrating.plan import (
+    calibration_plan,
+    calibration_points,
+    read_points,
+    write_points,
+)
 
 PROFILE = load_profile("cim-tr-97-06").data
 
@@ -105,9 +109,23 @@ def test_a_damaged_sequence_is_refused_and_named(tmp_path, damage: str) -> None:
     assert "plan.json" in error.value.where
 
 
-@pytest.mark.parametrize("key", ["number", "mass_kg", "experiment"])
-def test_a_point_that_lacks_a_key_is_refused(key: str) -> None:
-    body = asdict(calibration_points(PROFILE)[2])
-    for value in (None, True, []):
-        with pytest.raises(DataError, match=key):
-            point_from_dict({**body, key: value}, "here")
+@pytest.mark.parametrize("key", ["number", "mass_kg", "experiment", "role"])
+def test_a_point_that_lacks_a_key_is_refused(tmp_path, key: str) -> None:
+    write_points(tmp_path, calibration_points(PROFILE), "report")
+    whole = json.loads((tmp_path / "plan.json").read_text())
+    for value in (None, True, [], "none"):
+        whole["points"][2][key] = value
+        if (key, value) != ("experiment", "none"):
+            (tmp_path / "plan.json").write_text(json.dumps(whole))
+            with pytest.raises(DataError, match=rf"2\.{key}"):
+                read_points(tmp_path)
+
+
+@pytest.mark.parametrize("change", [list.clear, list.reverse])
+def test_a_sequence_that_is_not_in_order_is_refused(tmp_path, change) -> None:
+    write_points(tmp_path, calibration_points(PROFILE), "report")
+    whole = json.loads((tmp_path / "plan.json").read_text())
+    change(whole["points"])
+    (tmp_path / "plan.json").write_text(json.dumps(whole))
+    with pytest.raises(DataError, match="not numbered in order"):
+        read_points(tmp_path)

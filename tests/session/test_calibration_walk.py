@@ -44,27 +44,23 @@ def test_a_person_is_asked_for_each_change_once_and_every_load_is_read(tmp_path:
     assert walk.safe.confirmed
 
 
-def test_a_wrong_weight_is_asked_about_and_the_rejected_reading_is_kept(tmp_path: Path) -> None:
-    talk = Scripted()
+@pytest.mark.parametrize("kept", [False, True])
+def test_a_wrong_weight_is_asked_about_and_its_reading_is_kept_marked(
+    tmp_path: Path, kept: bool
+) -> None:
+    talk = Scripted([("did you hang", Answer.ACCEPT)] if kept else [])
     bench = FakeBench()
-    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
-    walk.run()
+    walked(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
     (question,) = talk.asked("gross-error")
     assert "expected +4.90 N m, read +2.45 N m: did you hang 0.5 kg?" in question
     assert [r.mass_kg for r in loads(tmp_path).readings] == MASSES
     rejected = [body for _, body in blocks(tmp_path) if body.get("event") == "rejected"]
-    assert [body["reading_v"] for body in rejected] == [pytest.approx(0.5 * LEVER / GAIN, abs=1e-4)]
-    rows = write_sequence(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
-    assert rows.count("rejected,confirmed-gross-error") == 1
-
-
-def test_a_wrong_weight_kept_on_purpose_is_marked(tmp_path: Path) -> None:
-    bench = FakeBench()
-    talk = Scripted([("did you hang", Answer.ACCEPT)])
-    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
-    walk.run()
+    wrong_v = pytest.approx(0.5 * LEVER / GAIN, abs=1e-4)
+    assert [body["reading_v"] for body in rejected] == ([] if kept else [wrong_v])
     flags = loads(tmp_path).extra_columns["flags"]
-    assert flags == ("", "", "confirmed-gross-error", "", "")
+    assert flags == ("", "", "confirmed-gross-error" if kept else "", "", "")
+    rows = write_sequence(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
+    assert rows.count("rejected,confirmed-gross-error") == (not kept)
 
 
 def test_repeat_reads_the_hanging_weight_again_and_back_asks_for_the_one_before(
@@ -137,12 +133,9 @@ def test_a_reading_that_never_settles_is_asked_about(tmp_path: Path) -> None:
             block = super().read_block()
             return block and replace(block, torque_v=block.torque_v + 1e-3 * block.first_index)
 
-    talk = Scripted([("not steady", Answer.REPEAT)])
-    talk.answers.append(("the bridge rests at", Answer.ACCEPT))
-    bench = Drifting()
+    talk = Scripted([("not steady", Answer.REPEAT), ("the bridge rests at", Answer.ACCEPT)])
     points = calibration_points(PROFILE)[:1]
-    walk = make_walk(tmp_path, talk=talk, bench=bench, points=points)
-    walk.run()
+    walked(tmp_path, talk=talk, bench=Drifting(), points=points)
     assert len(talk.asked("time-out")) == 2
     assert "not steady after 30 s" in talk.asked("time-out")[0]
     (done,) = [body for _, body in blocks(tmp_path) if body.get("event") == "prepared"]
@@ -161,11 +154,9 @@ def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path: Path) -> None
 
 
 def test_a_bridge_without_room_for_the_heaviest_weight_is_told(tmp_path: Path) -> None:
-    bench = FakeBench()
     daq = PROFILE.daq.model_copy(update={"range_v": 0.75})
-    talk = Scripted()
-    talk.answers.append(("the range ends at", Answer.ACCEPT))
-    walked(tmp_path, talk=talk, bench=bench, profile=PROFILE.model_copy(update={"daq": daq}))
+    talk = Scripted([("the range ends at", Answer.ACCEPT)])
+    walked(tmp_path, talk=talk, profile=PROFILE.model_copy(update={"daq": daq}))
     assert any("the range ends at 0.75 V" in text for text in talk.asked("gross-error"))
 
 
@@ -187,13 +178,8 @@ def test_without_a_person_the_right_weight_is_hung_again_three_times_at_most(
     tmp_path: Path,
 ) -> None:
     class Stubborn(FakeHands):
-        def put(self, mass_kg, *, direction, number, attempt) -> None:
-            super().put(
-                0.5 if number == 4 else mass_kg,
-                direction=direction,
-                number=number,
-                attempt=attempt,
-            )
+        def put(self, mass_kg, *, number, **how) -> None:
+            super().put(0.5 if number == 4 else mass_kg, number=number, **how)
 
     bench = FakeBench()
     said: list[str] = []

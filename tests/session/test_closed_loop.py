@@ -43,17 +43,6 @@ def runs(bench: Profile, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
     return done
 
 
-@pytest.mark.parametrize("kind", ["misalignment", "ripple"])
-def test_filtering_the_stored_trace_gives_the_online_bits(
-    runs: dict[str, RunOutcome], bench: Profile, kind: str
-) -> None:
-    folder = runs[kind].folder
-    trace = read_trace(folder.trace)
-    stored = FilterModel.from_dict(folder.manifest["filter"], source="run.json")
-    again = filter_trace(trace, stored, bench.data)
-    np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
-
-
 @pytest.mark.parametrize("kind", ["calibration", "misalignment", "ripple"])
 def test_a_complete_run_verifies_and_loses_nothing(runs: dict[str, RunOutcome], kind: str) -> None:
     report = verify_run(runs[kind].folder.path)
@@ -66,41 +55,38 @@ def test_a_complete_run_verifies_and_loses_nothing(runs: dict[str, RunOutcome], 
         assert np.all(np.isfinite(trace["torque_v"]))
 
 
-def test_the_calibration_scales_the_dynamic_runs_and_the_run_says_so(
-    runs: dict[str, RunOutcome],
+@pytest.mark.parametrize("kind", ["misalignment", "ripple"])
+def test_a_run_with_motion_is_scaled_and_filtered_as_its_manifest_says(
+    runs: dict[str, RunOutcome], bench: Profile, kind: str
 ) -> None:
-    gain = runs["calibration"].evaluation.result.to_json()["gain_nm_per_v"]["value"]
-    for kind in ("misalignment", "ripple"):
-        used = runs[kind].folder.manifest["calibration"]
-        assert used["gain_nm_per_v"]["value"] == gain
-        assert runs["calibration"].folder.run_id in used["source"]
-        assert len(used["sha256"]) == 64
-        trace = read_trace(runs[kind].folder.trace)
-        np.testing.assert_array_equal(trace["torque_nm"], trace["torque_v"] * gain)
+    gain = runs["calibration"].result.to_json()["gain_nm_per_v"]["value"]
+    manifest, trace = runs[kind].folder.manifest, read_trace(runs[kind].folder.trace)
+    assert manifest["calibration"]["gain_nm_per_v"]["value"] == gain
+    assert runs["calibration"].folder.run_id in manifest["calibration"]["source"]
+    assert len(manifest["calibration"]["sha256"]) == 64
+    np.testing.assert_array_equal(trace["torque_nm"], trace["torque_v"] * gain)
+    stored = FilterModel.from_dict(manifest["filter"], source="run.json")
+    again = filter_trace(trace, stored, velocity_gain_rad_s_per_v=bench.data.tacho.gain_rad_s_per_v)
+    np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
+    if kind == "ripple":
+        told = " ".join(stored.provenance.values())
+        assert runs["misalignment"].folder.run_id in told
 
 
-def test_the_misalignment_result_feeds_the_ripple_run_s_filter(
-    runs: dict[str, RunOutcome],
-) -> None:
-    provenance = runs["ripple"].folder.manifest["filter"]["provenance"]
-    assert any(runs["misalignment"].folder.run_id in text for text in provenance.values())
+def sizes(result):
+    """Return the numbers that a result of any kind is about."""
+    body = result.to_json()
+    if "ripple" in body:
+        return [line["amplitude_nm"] for line in body["ripple"]]
+    return body.get("gain_nm_per_v") or body["amplitude_nm"]
 
 
 @pytest.mark.parametrize("kind", ["calibration", "misalignment", "ripple"])
 def test_evaluating_the_stored_run_again_gives_the_same_numbers(
     runs: dict[str, RunOutcome], bench: Profile, tmp_path: Path, kind: str
 ) -> None:
-    calibration = None
-    folder, found = evaluate_stored(
-        kind, runs[kind].folder.path, bench, out=tmp_path, calibration=calibration
-    )
-    key = {"calibration": "gain_nm_per_v", "misalignment": "amplitude_nm", "ripple": "ripple"}[kind]
-    if kind == "calibration" or kind == "misalignment":
-        assert found.result.to_json()[key] == runs[kind].evaluation.result.to_json()[key]
-    else:
-        ours = [line["amplitude_nm"] for line in found.result.to_json()["ripple"]]
-        theirs = [line["amplitude_nm"] for line in runs[kind].evaluation.result.to_json()["ripple"]]
-        assert ours == theirs
+    folder, found = evaluate_stored(kind, runs[kind].folder.path, bench, out=tmp_path)
+    assert sizes(found) == sizes(runs[kind].result)
     assert read_json(folder.result, None)["run"] == folder.run_id
     ran = runs[kind].folder.manifest["filter"]
     assert read_json(folder.path / "run.json", None)["filter"] == ran
@@ -127,7 +113,7 @@ def test_the_simulated_truth_is_within_the_stated_uncertainty(
     runs: dict[str, RunOutcome], bench: Profile
 ) -> None:
     truth = bench.data.model
-    told = {kind: run.evaluation.result.to_json() for kind, run in runs.items()}
+    told = {kind: run.result.to_json() for kind, run in runs.items()}
     lines = told["ripple"]["ripple"]
     for found, true in (
         (told["calibration"]["gain_nm_per_v"], bench.data.sensor.gain_nm_per_v),

@@ -8,12 +8,17 @@ import pytest
 
 from hdbench.profile import load_profile
 from hdbench.session.calibrating.plan import calibration_points
-from hdbench.session.calibrating.plausibility import Expectation, WeightSet, learnt_gain
+from hdbench.session.calibrating.plausibility import (
+    Expectation,
+    gross_error,
+    learnt_gain,
+    weights_of,
+)
 
 PROFILE = load_profile("cim-tr-97-06").data
 LEVER = 9.80650 * 0.5  # N m per kg
 GAIN = 6.6
-WEIGHTS = WeightSet.of(calibration_points(PROFILE), PROFILE)
+WEIGHTS = weights_of(calibration_points(PROFILE))
 UNEXPLAINED = "no weight of the set explains it"
 
 
@@ -25,7 +30,8 @@ def point(experiment: str, mass: float):
 
 def error(asked, hung_nm: float, *, zero_v: float = 0.1, gain: float = GAIN, accepted=()):
     expectation = Expectation(zero_v, learnt_gain(accepted, GAIN))
-    return WEIGHTS.gross_error(asked, expectation.torque_nm(zero_v + hung_nm / gain), 0.3)
+    read_nm = expectation.torque_nm(zero_v + hung_nm / gain)
+    return gross_error(asked, read_nm, 0.3, WEIGHTS, PROFILE.arm)
 
 
 def test_half_the_weight_is_named() -> None:

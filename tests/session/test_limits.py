@@ -120,18 +120,16 @@ def test_a_motion_of_ten_minutes_is_no_fault():
     assert run(angle, speed, size=100) is None
 
 
-def test_a_motor_that_stands_is_no_fault():
-    assert run(np.zeros(2000), np.zeros(2000)) is None
-
-
-def test_a_zero_error_of_the_tacho_at_standstill_is_no_fault():
-    # 5 rad/s are 90 mV of a channel of 10 V
-    assert run(np.zeros(2000), np.full(2000, 5.0)) is None
-
-
-def test_a_constant_speed_without_noise_is_no_fault():
-    speed = np.full(3000, 30.0)
-    assert run(np.cumsum(speed) * PERIOD_S, speed) is None
+@pytest.mark.parametrize(
+    ("angle", "speed"),
+    [
+        (np.zeros(2000), np.zeros(2000)),  # a motor that stands
+        (np.zeros(2000), np.full(2000, 5.0)),  # zero error of the tacho: 90 mV of 10 V
+        (np.arange(1.0, 3001.0) * 30.0 * PERIOD_S, np.full(3000, 30.0)),  # no noise at all
+    ],
+)
+def test_what_stands_still_together_is_no_fault(angle, speed):
+    assert run(angle, speed) is None
 
 
 def test_lost_samples_are_not_taken_for_motion():

@@ -17,9 +17,9 @@ from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
-from hdbench.session.monitor import ChannelStatistics, Monitor
+from hdbench.session.monitor import ChannelStatistics, Observation, observe
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Frame, Watcher
+from hdbench.session.watching import Frame
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
@@ -39,15 +39,11 @@ class Seen:
         raise AssertionError(now)
 
 
-def monitor(watcher: object, duration_s: float | None = None) -> Monitor:
-    return Monitor(
-        PROFILE,
-        profile_scale(PROFILE),
-        preset("report-6", PROFILE.data),
-        watcher,
-        StopSignals(),
-        duration_s,
-    )
+def look(watcher: object, duration_s: float | None = None, stop=None, **named) -> Observation:
+    scale, model = profile_scale(PROFILE), preset("report-6", PROFILE.data)
+    told = {"address": None, "plant": "as-modelled", "seed": 0, **named}
+    stop = stop or StopSignals()
+    return observe(PROFILE, scale, model, watcher, stop, duration_s=duration_s, **told)
 
 
 def test_statistics_by_blocks_are_those_of_all_samples() -> None:
@@ -68,14 +64,8 @@ def test_statistics_by_blocks_are_those_of_all_samples() -> None:
 def test_a_channel_without_a_sample_has_no_numbers() -> None:
     found = ChannelStatistics("V")
     found.add(np.full(5, np.nan))
-    assert found.to_dict() == {
-        "unit": "V",
-        "n": 0,
-        "mean": None,
-        "std": None,
-        "min": None,
-        "max": None,
-    }
+    none = dict.fromkeys(("mean", "std", "min", "max"))
+    assert found.to_dict() == {"unit": "V", "n": 0, **none}
 
 
 def test_the_drive_stays_disabled_and_no_run_is_left(
@@ -83,11 +73,11 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     seen = Seen()
-    found = monitor(seen, 0.3).observe(address=None, plant="worn", seed=1)
+    found = look(seen, 0.3, plant="worn", seed=1)
     assert found.samples == 300
-    assert found.safe.confirmed
+    assert found.safe_state.confirmed
     assert found.stopped_by is None
-    told = {name: channel.to_dict() for name, channel in found.channels.items()}
+    told = found.channels
     assert told["reference_v"]["max"] == 0.0
     # one count of the encoder: nothing turned
     turn = 2.0 * np.pi / PROFILE.data.encoder.counts_per_turn
@@ -97,16 +87,15 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
 
 
 def test_a_signal_ends_it_with_the_bench_safe() -> None:
-    looking = monitor(Watcher())
+    stop = StopSignals()
 
     class Stopper(Seen):
         def frame(self, frame: Frame) -> None:
-            looking.stop.note(signal.SIGINT, None)
+            stop.note(signal.SIGINT, None)
 
-    looking.watcher = Stopper()
-    found = looking.observe(address=None, plant="as-modelled", seed=0)
+    found = look(Stopper(), stop=stop)
     assert found.stopped_by == signal.SIGINT
-    assert found.safe.confirmed
+    assert found.safe_state.confirmed
     assert found.samples < 2000
 
 
@@ -127,7 +116,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
                 spoiler.share = 0.1
                 seen.frames.append(frame)
 
-        found = monitor(Spoiling(), 1.5).observe(address=address, plant="", seed=0)
+        found = look(Spoiling(), 1.5, address=address, plant="")
     assert found.samples == 1500
     retries = [frame.retries for frame in seen.frames]
     assert retries == sorted(retries)

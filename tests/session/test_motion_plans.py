@@ -6,24 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import FakeBench, FakeOperator, quiet
+from fakes import WHOLE, FakeBench, FakeOperator, opened, quiet, task_in
 
 from hdbench.diagnosis.planning.blocks import full_protocol
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import UsageError
-from hdbench.filter import preset
 from hdbench.model.waves import ReferenceProgram, program_voltage
-from hdbench.profile import load_profile
 from hdbench.records.counted import survey_samples
-from hdbench.records.journal import JournalWriter
 from hdbench.records.tracefile import read_trace
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.plans import Acquire, Lock, Place, Put, check_plan, motion_plan
-from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Runner
-from hdbench.session.stop import Aborted, StopSignals
+from hdbench.session.stop import Aborted
 
-WHOLE = load_profile("cim-tr-97-06")
 PROFILE = WHOLE.data
 FREE = (Segment("ramp", 0.1, 50.0), Segment("hold", 0.2, 50.0), Segment("ramp", 0.1, 0.0))
 LOADED = MotionPlan(
@@ -76,16 +71,15 @@ def test_loads_stand_between_acquisitions_with_lock_and_place() -> None:
 
 
 def runner_of(tmp_path: Path, bench: FakeBench, operator: FakeOperator) -> Runner:
-    journal = JournalWriter(tmp_path / "journal.hdj")
-    recorder = TraceRecorder(PROFILE, 6.6, preset("report-6", PROFILE), journal, 0.001)
-    return Runner(PROFILE, bench, operator, StopSignals(), quiet, recorder)
+    task = task_in(tmp_path, motion_plan("ripple", LOADED, PROFILE))
+    return Runner(task, bench, operator, opened(tmp_path)[0], person=False)
 
 
 def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path: Path) -> None:
     bench = FakeBench()
     operator = FakeOperator(bench)
     run = runner_of(tmp_path, bench, operator)
-    run.run(motion_plan("ripple", LOADED, PROFILE))
+    run.run()
     trace = survey_samples(tmp_path / "journal.hdj").trace("here")
     assert operator.asked == [
         "release", "motion", "hang", "motion", "lock", "position", "hang", "motion", "release",
@@ -106,7 +100,7 @@ def test_an_operator_who_declines_a_load_ends_the_run_safely(tmp_path: Path) -> 
     bench = FakeBench()
     run = runner_of(tmp_path, bench, FakeOperator(bench, refuse="hang"))
     with pytest.raises(Aborted, match="not confirmed: operator: hang 2 kg cw"):
-        run.run(motion_plan("ripple", LOADED, PROFILE))
+        run.run()
     assert bench.calls[-1] == "safe_state"
 
 

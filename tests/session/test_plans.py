@@ -90,20 +90,13 @@ def test_a_motion_beyond_the_limit_of_travel_is_refused_from_the_profile_alone()
     assert "travel_rad" in told.value.fix
 
 
-def test_a_bench_without_a_limit_of_travel_turns_as_far_as_it_likes():
-    check_plan(plan(sine(1.0, 0.5)), PROFILE)
-
-
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [("seneca-z-sg", "daq.output"), ("laumas-tlb4", "daq.output")],
-)
-def test_a_motion_is_refused_where_no_device_of_the_profile_has_an_output(name, key):
+@pytest.mark.parametrize("name", ["seneca-z-sg", "laumas-tlb4"])
+def test_a_motion_is_refused_where_no_device_of_the_profile_has_an_output(name):
     data = load_profile(name).data
     slow = plan(sine(1.0, 0.01), 100.0, data.daq.sample_period_s)
     with pytest.raises(UsageError, match="no output") as told:
         check_plan(slow, data)
-    assert key in told.value.where
+    assert "daq.output" in told.value.where
     # nothing moves with the drive disabled
     check_plan(plan(None, 100.0, data.daq.sample_period_s), data)
 

@@ -78,7 +78,7 @@ def test_a_calibration_goes_on_with_the_same_bench_and_the_same_clampings(
     # decays to 1e-3 of 20 N m within the second before the average: 0.2 mV of it
     for a, b in zip(once.readings, twice.readings, strict=True):
         assert a.reading_v == pytest.approx(b.reading_v, abs=2e-4)
-    gains = [line["gain_nm_per_v"] for line in resumed.evaluation.result.to_json()["experiments"]]
+    gains = [line["gain_nm_per_v"] for line in resumed.result.to_json()["experiments"]]
     assert np.ptp(gains) > 0.05  # the clampings of this plant do differ
 
 

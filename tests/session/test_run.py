@@ -10,7 +10,7 @@ from fakes import FakeBench, FakeOperator, quiet
 from hdbench.errors import BusyError, DataError, DeviceError, UnsafeError
 from hdbench.profile import load_profile
 from hdbench.records.jsonfile import read_json
-from hdbench.session import BenchOptions, measurement, run, run_experiment
+from hdbench.session import BenchOptions, run, run_experiment
 
 # what happens while the motor turns, whether the bench is safe afterwards; then what is told, and
 # the status of the run
@@ -43,7 +43,7 @@ def test_an_unsafe_bench_is_told_before_the_error_and_what_came_is_kept(
         yield bench
 
     monkeypatch.setattr(run, "open_bench", opened)
-    monkeypatch.setattr(measurement, "SimulatedOperator", FakeOperator)
+    monkeypatch.setattr(run, "SimulatedOperator", FakeOperator)
     with pytest.raises(told, match=words):
         run_experiment("ripple", load_profile("cim-tr-97-06"), BenchOptions(tmp_path), quiet)
     assert bench.calls[-1] == "safe_state"

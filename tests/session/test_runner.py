@@ -7,41 +7,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import FakeBench, FakeOperator, quiet
+from fakes import FakeBench, FakeOperator, opened, task_in
 
 from hdbench.errors import DeviceError
-from hdbench.filter import preset
-from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.counted import survey_samples
-from hdbench.records.journal import JournalWriter, read_journal
+from hdbench.records.journal import read_journal
 from hdbench.session.plans import Acquire, Lock, Plan
-from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Runner
 from hdbench.session.stop import Aborted, StopRequested, StopSignals
 
-PROFILE = load_profile("cim-tr-97-06").data
 WAVE = ReferenceWave(wave="constant", bias_v=1.0)
 MOTION = Plan("ripple", (Lock(locked=False), Acquire(WAVE, 0.001, 0.2)), 0.2)
 
 
-def runner(tmp_path: Path, bench: FakeBench, **changes) -> Runner:
-    journal = JournalWriter(tmp_path / "journal.hdj")
-    recorder = TraceRecorder(PROFILE, 6.6, preset("report-6", PROFILE), journal, 0.001)
-    return Runner(
-        PROFILE,
-        bench,
-        changes.pop("operator", FakeOperator(bench)),
-        changes.pop("stop", StopSignals()),
-        quiet,
-        recorder,
-    )
+def runner(tmp_path: Path, bench: FakeBench, *, operator=None, stop=None) -> Runner:
+    journal, content = opened(tmp_path)
+    task = task_in(tmp_path, MOTION, stop=stop, content=content)
+    return Runner(task, bench, operator or FakeOperator(bench), journal, person=False)
 
 
 def test_a_motion_run_ends_with_the_safe_state_and_every_sample(tmp_path: Path) -> None:
     bench = FakeBench()
     run = runner(tmp_path, bench)
-    run.run(MOTION)
+    run.run()
     assert bench.calls[-1] == "safe_state"
     assert run.safe is not None
     assert run.safe.confirmed
@@ -58,7 +47,7 @@ def test_whichever_call_fails_the_bench_is_made_safe(tmp_path: Path, call: str, 
     bench = FakeBench(fail_at=call, after=after)
     run = runner(tmp_path, bench)
     with pytest.raises(DeviceError, match=f"{call} failed"):
-        run.run(MOTION)
+        run.run()
     assert bench.calls[-1] == "safe_state"
     assert not bench.moving
 
@@ -78,12 +67,12 @@ def test_a_signal_in_any_call_ends_the_run_safely(
     run = runner(tmp_path, bench, stop=stop)
     if phase == "stop":
         # nothing is left to interrupt after the last step; the caller asks the signals once more
-        run.run(MOTION)
+        run.run()
         with pytest.raises(StopRequested):
             stop.check()
     else:
         with pytest.raises(StopRequested) as request:
-            run.run(MOTION)
+            run.run()
         assert request.value.signum == signum
     assert bench.calls[-1] == "safe_state"
     assert not bench.moving
@@ -93,7 +82,7 @@ def test_what_was_journaled_before_a_failure_can_be_read_back(tmp_path: Path) ->
     bench = FakeBench(fail_at="read_block", after=6)
     run = runner(tmp_path, bench)
     with pytest.raises(DeviceError):
-        run.run(MOTION)
+        run.run()
     run.recorder.journal.close()
     content = read_journal(tmp_path / "journal.hdj")
     samples = [block for block in content.blocks if block.kind == "samples"]
@@ -105,7 +94,7 @@ def test_lost_samples_become_marked_rows_and_are_counted(tmp_path: Path) -> None
     bench = FakeBench()
     bench.lose_at = 60
     run = runner(tmp_path, bench)
-    run.run(MOTION)
+    run.run()
     trace = survey_samples(tmp_path / "journal.hdj").trace("here")
     assert run.recorder.lost == 5
     assert len(trace) == 200
@@ -118,7 +107,7 @@ def test_speed_beyond_the_limit_aborts_and_names_the_sample(tmp_path: Path) -> N
     bench.velocity_v = 8.0  # 450 rad/s, limit 400
     run = runner(tmp_path, bench)
     with pytest.raises(Aborted, match=r"motor speed \+450.* crossed the limit 400") as error:
-        run.run(MOTION)
+        run.run()
     assert error.value.where == "sample 0"
     assert bench.calls[-1] == "safe_state"
 
@@ -130,12 +119,16 @@ def test_an_operator_who_declines_ends_the_run_before_anything_moves(
     bench = FakeBench()
     run = runner(tmp_path, bench, operator=FakeOperator(bench, refuse=refused))
     with pytest.raises(Aborted, match="not confirmed"):
-        run.run(MOTION)
+        run.run()
     assert bench.calls == ["safe_state"]
 
 
 def test_an_acquisition_that_is_done_is_not_taken_again(tmp_path: Path) -> None:
+    first = runner(tmp_path, FakeBench())
+    first.run()
+    first.recorder.journal.close()
     bench = FakeBench()
     run = runner(tmp_path, bench)
-    run.run(MOTION, done={1})
+    run.run()
     assert bench.calls == ["safe_state"]
+    assert len(run.records()) == 200

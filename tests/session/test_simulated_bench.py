@@ -108,7 +108,7 @@ def test_a_simulated_operator_calibrates_every_emulator_by_its_channel(name, tmp
             tmp_path, control=str(found["control"]), talk=Unattended(lambda _: None)
         )
         result = run_experiment("calibration", quick(name, found), options, quiet)
-    gain = result.evaluation.result.to_json()["gain_nm_per_v"]["value"]
+    gain = result.result.to_json()["gain_nm_per_v"]["value"]
     # the plant as modelled has the profile's gain, each clamping its own by some per mille
     assert gain == pytest.approx(load_profile(name).data.sensor.gain_nm_per_v, rel=0.03)
 
@@ -133,14 +133,6 @@ def test_a_shunt_by_the_channel_reaches_the_bridge(name):
         assert abs(torque_v(bench) - before) > 0.5
 
 
-def test_nobody_reaches_into_a_node_that_samples():
-    with open_bench(load_profile("cim-tr-97-06"), realtime=True) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 100_000, None))
-        bench.start()
-        with pytest.raises(DeviceError, match="acquisition is running"):
-            bench.simulation.set_fixture(locked=True, position_rad=0.0, mass_kg=1.0, direction=1)
-
-
 NO_HAND = [
     {"position_rad": float("nan")},
     {"mass_kg": -1.0},
@@ -151,29 +143,20 @@ NO_ORDER = [b"\n", b"{\n", b"[1]\n", b'{"fixture": {}}\n', b'{"x": 1}\n', b"[" *
 NO_CHANNEL = [b"", b"hello\r\n", b"[1]\n", b"1" * 5000 + b"\n"]
 
 
-def test_the_channel_refuses_what_no_hand_can_do():
+def test_the_channel_refuses_what_no_hand_can_do_and_whoever_reaches_into_a_node_that_samples():
     right = {"locked": True, "position_rad": 0.0, "mass_kg": 1.0, "direction": 1}
-    with open_bench(load_profile("cim-tr-97-06")) as bench:
+    with open_bench(load_profile("cim-tr-97-06"), realtime=True) as bench:
         for wrong in NO_HAND:
             with pytest.raises(DeviceError, match="out of its domain"):
                 bench.simulation.set_fixture(**{**right, **wrong})
             bench.simulation.set_fixture(**right)
+        bench.configure(AcquisitionSettings(1e-3, 100_000, None))
+        bench.start()
+        with pytest.raises(DeviceError, match="acquisition is running"):
+            bench.simulation.set_fixture(**right)
 
 
-def test_the_channel_survives_what_is_no_order():
-    data = load_profile("cim-tr-97-06").data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
-        host, _, port = str(found["control"]).removeprefix("tcp://").rpartition(":")
-        assert host == "127.0.0.1"
-        for line in NO_ORDER:
-            with socket.create_connection((host, int(port)), timeout=60.0) as link:
-                link.sendall(line)
-                assert json.loads(link.makefile().readline())["refused"]
-        with open_bench(data, address=str(found["address"]), control=str(found["control"])):
-            pass
-
-
-def test_what_is_no_control_channel_is_told():
+def test_the_channel_survives_what_is_no_order_and_what_is_no_channel_is_told():
     data = load_profile("cim-tr-97-06").data
 
     def answer(server: socket.socket, reply: bytes) -> None:
@@ -186,13 +169,22 @@ def test_what_is_no_control_channel_is_told():
         running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found,
         socket.create_server(("127.0.0.1", 0)) as server,
     ):
-        control = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        address, control = str(found["address"]), str(found["control"])
+        host, _, port = control.removeprefix("tcp://").rpartition(":")
+        assert host == "127.0.0.1"
+        for line in NO_ORDER:
+            with socket.create_connection((host, int(port)), timeout=60.0) as link:
+                link.sendall(line)
+                assert json.loads(link.makefile().readline())["refused"]
+        with open_bench(data, address=address, control=control):
+            pass
+        wrong = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         for reply in NO_CHANNEL:
             thread = threading.Thread(target=answer, args=(server, reply), daemon=True)
             thread.start()
             with (
                 pytest.raises(DeviceError, match="control channel") as caught,
-                open_bench(data, address=str(found["address"]), control=control),
+                open_bench(data, address=address, control=wrong),
             ):
                 pass
             assert "--control" in caught.value.fix

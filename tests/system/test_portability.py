@@ -36,7 +36,7 @@ def test_posix_is_hidden(foreign):
     """Else what follows would show nothing."""
     foreign._start[2] = program(hidden=True).partition("import json")[0] + SEEN
     done = foreign.run()
-    assert done.stdout == "_Lines None None False False\n", done.stderr
+    assert done.stdout == "Keyboard None None False False\n", done.stderr
     assert "UsageError" in done.stderr
     assert "no pseudo-terminals" in done.stderr
 

@@ -9,8 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 import trend_campaign as campaign
 
-from hdbench.trend.charts import control_chart, find_limits
-from hdbench.trend.history import study_history
+from hdbench.trend.charts import _ewma, control_chart, find_limits, study_history
 
 
 def study(values, own=None, months=None, probability=0.05):
@@ -27,7 +26,8 @@ def study(values, own=None, months=None, probability=0.05):
 def test_individuals_of_the_nist_handbook():
     # NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2.2: flow rates of ten batches; the page
     # prints mean 50.81, mean moving range 1.8778, limits 55.8041 and 45.8159
-    chart = control_chart(np.array([49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1]))
+    values = np.array([49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1])
+    chart = control_chart(values, np.zeros(10))
     assert round(chart.center, 4) == 50.81
     assert round(float(chart.moving_range.mean()), 4) == 1.8778
     assert {round(chart.center + 3.0 * std, 4) for std in chart.stds} == {55.8041}
@@ -44,12 +44,12 @@ def test_ewma_of_the_nist_handbook():
     )
     printed = [50.60, 49.52, 50.56, 50.18, 50.16, 49.21, 49.75, 49.85, 50.26, 50.33]
     printed += [50.11, 49.36, 49.52, 50.05, 49.38, 49.92, 50.73, 51.23, 51.94, 51.99]
-    chart = control_chart(values, weight=0.3, center=50.0, std=2.0539)
-    assert np.round(chart.ewma, 2).tolist() == printed
-    upper, lower = (50.0 + sign * 3.0 * chart.ewma_stds[-1] for sign in (1.0, -1.0))
+    (ewma,), (stds,) = _ewma(values[None], np.array([50.0]), np.full((1, 20), 2.0539), 0.3)
+    assert np.round(ewma, 2).tolist() == printed
+    upper, lower = (50.0 + sign * 3.0 * stds[-1] for sign in (1.0, -1.0))
     assert round(float(upper), 4) == 52.5884
     assert int(lower * 1e4) / 1e4 == 47.4115
-    assert np.all((lower < chart.ewma) & (chart.ewma < upper))
+    assert np.all((lower < ewma) & (ewma < upper))
 
 
 def test_a_stable_history_alarms_as_often_as_stated():

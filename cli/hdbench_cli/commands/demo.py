@@ -115,7 +115,7 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     hidden = hidden_effects(profile, plant, seed)
     report = folder / "report.html"
     write_report(folders, report, profile=profile)
-    results = {kind: done[kind].evaluation.result.to_json() for kind in _KINDS}
+    results = {kind: done[kind].result.to_json() for kind in _KINDS}
     body = {
         **result_header("demo", profile),
         "seconds": time.monotonic() - started,

@@ -114,7 +114,7 @@ def resume(output: Output, path: Path, **options: Any) -> None:
 
 
 def _outcome(outcome: RunOutcome) -> tuple[Path, Mapping[str, Any]]:
-    return outcome.folder.path, outcome.evaluation.result.to_json()
+    return outcome.folder.path, outcome.result.to_json()
 
 
 @contextmanager
@@ -182,7 +182,7 @@ def _from_stored(
         filter_name=request.filter_name,
         stretch=request.stretch,
     )
-    return folder.path, found.result.to_json()
+    return folder.path, found.to_json()
 
 
 def _keep_parquet(folder: Path, profile: Profile) -> None:

@@ -55,7 +55,7 @@ def command(
     from hdbench.profile.scaling import profile_scale, read_calibration
     from hdbench.records import result_header
     from hdbench.session.filters import choose_filter
-    from hdbench.session.monitor import Monitor
+    from hdbench.session.monitor import observe
     from hdbench.session.stop import listen
     from hdbench_cli.live.view import live_view
 
@@ -63,19 +63,23 @@ def command(
     scale = read_calibration(calibration) if calibration else profile_scale(profile)
     model = choose_filter(profile, filter_name, misalignment=None)
     with listen() as stop, live_view("monitor", profile, Path()) as watcher:
-        monitor = Monitor(profile, scale, model, watcher, stop, duration_s)
-        seen = monitor.observe(address=address, plant=plant, seed=seed)
+        seen = observe(
+            profile,
+            scale,
+            model,
+            watcher,
+            stop,
+            duration_s=duration_s,
+            address=address,
+            plant=plant,
+            seed=seed,
+        )
     body = {
         **result_header("monitor", profile),
-        "device": asdict(seen.device),
         "torque_scale": scale.to_dict(),
-        "seconds": seen.seconds,
-        "samples": seen.samples,
-        "lost": seen.lost,
-        "saturated": seen.saturated,
-        "channels": {name: channel.to_dict() for name, channel in seen.channels.items()},
-        "safe_state": asdict(seen.safe),
+        **asdict(seen),
     }
+    signum = body.pop("stopped_by")
     output.result(body, _lines)
-    if seen.stopped_by is not None:
-        raise click.exceptions.Exit(128 + seen.stopped_by)
+    if signum is not None:
+        raise click.exceptions.Exit(128 + signum)

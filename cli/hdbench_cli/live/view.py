@@ -7,13 +7,15 @@ import shutil
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hdbench.session.watching import Frame, FrameQueue, Watcher
+from hdbench.session.watching import Frame, Watcher
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 _DRAW_S = 0.125
 _LINE_S = 5.0
 _JOIN_S = 2.0
+# frames that wait to be drawn; where there are more, the oldest is dropped
+_WAITING = 64
 
 
 @dataclass(slots=True)
@@ -55,7 +59,7 @@ class LiveView(Watcher):
     folder: Path
     pretty: bool
     clock: Callable[[], float] = time.monotonic
-    queue: FrameQueue = field(default_factory=FrameQueue, init=False)
+    queue: deque[Frame] = field(default_factory=partial(deque, maxlen=_WAITING), init=False)
     _history: History = field(init=False)
     _stop: threading.Event = field(default_factory=threading.Event, init=False)
     _quiet: threading.Event = field(default_factory=threading.Event, init=False)
@@ -72,7 +76,7 @@ class LiveView(Watcher):
 
     def frame(self, frame: Frame) -> None:
         """Take note of the newest samples; returns at once."""
-        self.queue.put(frame)
+        self.queue.append(frame)
 
     def asking(self, *, now: bool) -> None:
         """Leave the screen to a question, and take it back after the answer."""
@@ -101,7 +105,7 @@ class LiveView(Watcher):
     def _run(self) -> None:
         told_s = self.clock()
         while not self._stop.wait(_DRAW_S):
-            self._history.add(self.queue.take())
+            self._history.add([self.queue.popleft() for _ in range(len(self.queue))])
             if self._history.last is None or self._quiet.is_set():
                 continue
             if self.pretty:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal, Protocol
+
+from hdbench.session.calibrating.settling import Judgement
 
 
 class Answer(Enum):
@@ -27,7 +30,7 @@ class Question:
 
     topic: Topic
     text: str
-    answers: tuple[Answer, ...]
+    answers: tuple[Answer, ...] = tuple(Answer)
     default: Answer = Answer.ACCEPT
     progress: str = ""
 
@@ -42,18 +45,11 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class LiveReading:
-    """What the bridge says while a reading settles."""
+    """What the bridge says while a reading settles, and how long that takes at least."""
 
-    label: str
-    value_v: float
-    slope_v_s: float
-    spread_v: float
+    judged: Judgement
     torque_nm: float
-    share: float
     remaining_s: float
-    waited_s: float
-    limit_s: float
-    swing_period_s: float | None
 
 
 class Conversation(Protocol):
@@ -62,19 +58,15 @@ class Conversation(Protocol):
     @property
     def attended(self) -> bool:
         """Whether a person answers: then a signal interrupts the question."""
-        ...
 
     def ask(self, question: Question) -> Reply:
         """Ask, and wait for the answer."""
-        ...
 
     def watch(self, live: LiveReading) -> Answer | None:
         """Show how the reading settles; return what was wanted meanwhile, never wait."""
-        ...
 
     def tell(self, line: str, *, remarkable: bool = False) -> None:
         """Say one line; `remarkable` ones also where nobody watches."""
-        ...
 
 
 # times a rule hangs the right weight before it takes a reading as it is
@@ -89,19 +81,15 @@ class Unattended:
     """
 
     say: Callable[[str], None] = lambda _line: None
-    _tries: dict[str, int] = field(default_factory=dict, init=False)
-
-    @property
-    def attended(self) -> bool:
-        """False: nobody answers."""
-        return False
+    attended: bool = field(default=False, init=False)
+    _tries: Counter[str] = field(default_factory=Counter, init=False)
 
     def ask(self, question: Question) -> Reply:
         """Answer by rule."""
         if question.topic != "gross-error":
             return Reply(Answer.ACCEPT)
-        tries = self._tries[question.progress] = self._tries.get(question.progress, 0) + 1
-        again = tries < _TRIES
+        self._tries[question.progress] += 1
+        again = self._tries[question.progress] < _TRIES
         self.say(f"{question.text} - {'hung again' if again else 'taken as it is, marked'}")
         return Reply(Answer.REPEAT if again else Answer.ACCEPT)
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import itemgetter
 
 import numpy as np
 
+from hdbench.profile.calibrating import Arm
 from hdbench.profile.schema import ProfileData
-from hdbench.session.calibrating.points import Point
 from hdbench.session.calibrating.reading import Taken
 from hdbench.session.calibrating.state import CalibrationState
+from hdbench.session.plans import Point
 
 # The bridge at rest may be off by this share of the signal of the largest load: more is wiring, a
 # mounting under stress or a weight left on the arm. Order 2 and 4 of a wave generator that stands
@@ -98,54 +100,40 @@ class Expectation:
         return (reading_v - self.zero_v) * self.gain_nm_per_v
 
 
-@dataclass(frozen=True, slots=True)
-class WeightSet:
-    """Weights of a sequence on the arm of a bench."""
+def weights_of(points: Sequence[Point]) -> list[float]:
+    """Return the weights of a sequence, kg; none at all is one of them."""
+    return sorted({0.0, *(point.mass_kg for point in points)})
 
-    weights_kg: tuple[float, ...]
-    lever_nm_per_kg: float
-    tare_kg: float
 
-    @classmethod
-    def of(cls, points: Sequence[Point], profile: ProfileData) -> WeightSet:
-        """Return the weights of a sequence."""
-        masses = {0.0, *(point.mass_kg for point in points)}
-        lever = profile.arm.gravity_m_s2 * profile.arm.length_m
-        return cls(tuple(sorted(masses)), lever, profile.arm.tare_kg)
+def gross_error(
+    point: Point, read_nm: float, share: float, weights_kg: Sequence[float], arm: Arm
+) -> str | None:
+    """Return what is wrong with a torque that is further off than a share of the load step."""
+    if abs(read_nm - point.torque_nm) <= share * point.step_nm:
+        return None
+    guess = _guess(point, read_nm, weights_kg, arm)
+    asked = guess or "no weight of the set explains it: check arm, side and cable"
+    return f"expected {point.torque_nm:+.2f} N m, read {read_nm:+.2f} N m: {asked}"
 
-    def gross_error(self, point: Point, read_nm: float, share: float) -> str | None:
-        """Return what is wrong with a torque that is further off than a share of the load step."""
-        if abs(read_nm - point.torque_nm) <= share * point.step_nm:
-            return None
-        guess = self._guess(point, read_nm)
-        asked = guess or "no weight of the set explains it: check arm, side and cable"
-        return f"expected {point.torque_nm:+.2f} N m, read {read_nm:+.2f} N m: {asked}"
 
-    def _guess(self, point: Point, read_nm: float) -> str | None:
-        """Return which weight, on which side, would give the torque."""
-        sign = -1.0 if point.direction == "ccw" else 1.0
-        candidates = [
-            (side, mass)
-            for mass in self.weights_kg
-            for side in (sign, -sign)
-            if (side, mass) != (sign, point.mass_kg)
-        ]
-
-        def distance_nm(candidate: tuple[float, float]) -> float:
-            side, mass = candidate
-            hung_kg = mass + (self.tare_kg if mass else 0.0)
-            return abs(read_nm - side * self.lever_nm_per_kg * hung_kg)
-
-        side, mass = min(candidates, key=distance_nm)
-        step_kg = min((b - a for a, b in pairwise(self.weights_kg)), default=0.0)
-        near_nm = _EXPLAINS * self.lever_nm_per_kg * step_kg
-        # written so that a reading that is no number has no explanation
-        if not distance_nm((side, mass)) <= near_nm:
-            return None
-        if mass == 0.0:
-            return "does no weight hang?"
-        other = "" if side == sign else f" on the {'ccw' if side < 0.0 else 'cw'} side"
-        return f"did you hang {mass:g} kg{other}?"
+def _guess(point: Point, read_nm: float, weights_kg: Sequence[float], arm: Arm) -> str | None:
+    """Return which weight, on which side, would give the torque."""
+    lever_nm_per_kg = arm.gravity_m_s2 * arm.length_m
+    sign = -1.0 if point.direction == "ccw" else 1.0
+    candidates = []
+    for mass in weights_kg:
+        hung_nm = lever_nm_per_kg * (mass + (arm.tare_kg if mass else 0.0))
+        candidates += [(abs(read_nm - side * hung_nm), side, mass) for side in (sign, -sign)]
+    others = [other for other in candidates if other[1:] != (sign, point.mass_kg)]
+    away_nm, side, mass = min(others, key=itemgetter(0))
+    step_kg = min((b - a for a, b in pairwise(weights_kg)), default=0.0)
+    # written so that a reading that is no number has no explanation
+    if not away_nm <= _EXPLAINS * lever_nm_per_kg * step_kg:
+        return None
+    if mass == 0.0:
+        return "does no weight hang?"
+    other = "" if side == sign else f" on the {'ccw' if side < 0.0 else 'cw'} side"
+    return f"did you hang {mass:g} kg{other}?"
 
 
 # Share of its load step by which the first zero of a mounting may differ from the bridge at rest:
@@ -169,6 +157,7 @@ def doubt_about(
     else:
         expected = Expectation.of(point, state, profile.sensor.gain_nm_per_v)
         share = profile.calibration.gross_error_fraction if expected.own_zero else _ZERO_SHIFT
-        weights, read_nm = WeightSet.of(state.points, profile), expected.torque_nm(reading_v)
-        mark, problem = "confirmed-gross-error", weights.gross_error(point, read_nm, share)
+        weights_kg, read_nm = weights_of(state.points), expected.torque_nm(reading_v)
+        mark = "confirmed-gross-error"
+        problem = gross_error(point, read_nm, share, weights_kg, profile.arm)
     return None if problem is None else (mark, problem)

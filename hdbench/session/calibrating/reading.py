@@ -12,7 +12,6 @@ from hdbench.devices.bench import AcquisitionSettings, Bench, Block
 from hdbench.profile.schema import ProfileData
 from hdbench.records.loads import LoadReading
 from hdbench.session.calibrating.conversation import Answer
-from hdbench.session.calibrating.points import Point
 from hdbench.session.calibrating.settling import (
     Judgement,
     SettledReading,
@@ -21,8 +20,11 @@ from hdbench.session.calibrating.settling import (
     judge,
 )
 from hdbench.session.calibrating.state import CalibrationState
+from hdbench.session.plans import Point
 from hdbench.session.runner import next_block
 from hdbench.session.stop import Aborted, StopSignals
+
+_OF_POINT = ("experiment", "position_rad", "range", "direction", "series", "torque_nm", "mass_kg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +104,8 @@ def reading_entry(
     """Return one reading as the journal keeps it."""
     reading = taken.reading
     load = LoadReading(
-        experiment=point.experiment,
-        position_rad=point.position_rad,
-        range=point.range,
-        direction=point.direction,
-        series=point.series,
-        torque_nm=point.torque_nm,
+        **{name: getattr(point, name) for name in _OF_POINT},
         reading_v=reading.mean_v,
-        mass_kg=point.mass_kg,
         reading_std_v=reading.std_v,
         n_samples=reading.n_samples,
         time_s=time_s,
@@ -118,7 +114,7 @@ def reading_entry(
     return {
         **asdict(load),
         "point": point.number,
-        "attempt": state.attempts.get(point.number, 1),
+        "attempt": max(1, state.attempts[point.number]),
         "repeat": point.repeat,
         "mounting": state.mountings,
         "settled": reading.settled,

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit, polyval
 
 from hdbench.profile.calibrating import CalibrationPlan
 from hdbench.records import FloatArray
@@ -74,9 +75,7 @@ def find_swing(samples_v: FloatArray, period_s: float) -> tuple[Swing, FloatArra
     if n < 16 or length_s * _HIGHEST_HZ < _LEAST_PERIODS:
         return None
     time = (np.arange(n) - 0.5 * (n - 1)) * period_s
-    flat = samples_v - np.polynomial.polynomial.polyval(
-        time, np.polynomial.polynomial.polyfit(time, samples_v, 1)
-    )
+    flat = samples_v - polyval(time, polyfit(time, samples_v, 1))
     frequency_hz = _peak_hz(flat, period_s)
     if frequency_hz is None or not frequency_hz * length_s >= _LEAST_PERIODS:
         return None
@@ -167,13 +166,13 @@ def judge(samples_v: FloatArray, rule: SettleRule) -> Judgement:
     """
     last = samples_v[-rule.window :]
     value_v, slope_v_s, spread_v = float(np.mean(last)), _slope(last, rule), float(np.ptp(last))
-    if len(samples_v) <= rule.read_after:
-        return Judgement(value_v, slope_v_s, spread_v, 0.0, None, None)
-    share, swing, reading = _calm(samples_v, rule)
-    if reading is None or _moved_by_swing(samples_v, rule):
-        found = _swinging(samples_v, rule)
-        if found is not None:
-            share, swing, reading = found
+    share: float = 0.0
+    swing: Swing | None = None
+    reading: SettledReading | None = None
+    if len(samples_v) > rule.read_after:
+        share, reading = _calm(samples_v, rule)
+        if reading is None or _moved_by_swing(samples_v, rule):
+            share, swing, reading = _swinging(samples_v, rule) or (share, None, reading)
     if reading is not None:
         value_v, slope_v_s = reading.mean_v, reading.slope_v_s
     return Judgement(value_v, slope_v_s, spread_v, share, swing, reading)
@@ -192,9 +191,7 @@ def average_now(samples_v: FloatArray, rule: SettleRule) -> SettledReading:
     return _reading(last, rule, float(np.mean(last)), None, settled=False)
 
 
-def _calm(
-    samples_v: FloatArray, rule: SettleRule
-) -> tuple[float, Swing | None, SettledReading | None]:
+def _calm(samples_v: FloatArray, rule: SettleRule) -> tuple[float, SettledReading | None]:
     """Judge readings without swing."""
     usable = len(samples_v) - rule.read_after
     share = 0.0
@@ -204,9 +201,9 @@ def _calm(
             share = part / _PARTS
             break
     if share < 1.0:
-        return share, None, None
+        return share, None
     last = samples_v[-rule.window :]
-    return 1.0, None, _reading(last, rule, float(np.mean(last)), None, settled=True)
+    return 1.0, _reading(last, rule, float(np.mean(last)), None, settled=True)
 
 
 def _moved_by_swing(samples_v: FloatArray, rule: SettleRule) -> bool:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from hdbench.devices.operator import SimulatedOperator
-from hdbench.profile.schema import ProfileData
 from hdbench.records.journal import JournalContent, JournalWriter
-from hdbench.session.calibrating.points import PREPARATIONS, Point
+from hdbench.session.plans import Point
 
 
 @dataclass(slots=True)
@@ -24,7 +24,7 @@ class CalibrationState:
     standing: dict[int, Mapping[str, Any]] = field(default_factory=dict, init=False)
     prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict, init=False)
     skipped: set[int] = field(default_factory=set, init=False)
-    attempts: dict[int, int] = field(default_factory=dict, init=False)
+    attempts: Counter[int] = field(default_factory=Counter, init=False)
     hanging: int | None = field(default=None, init=False)
     locked: bool = field(default=False, init=False)
     position_rad: float | None = field(default=None, init=False)
@@ -52,7 +52,7 @@ class CalibrationState:
             case "hung":
                 self.mountings += self.direction not in (None, body["direction"])
                 self.hanging, self.direction = number, str(body["direction"])
-                self.attempts[number] = self.attempts.get(number, 0) + 1
+                self.attempts[number] += 1
             case "opened":
                 self.hanging = None
             case "prepared":
@@ -66,19 +66,13 @@ class CalibrationState:
                 self.skipped.add(number)
             case "fixture":
                 self.fixtures.append(dict(body["fixture"]))
-            case _:
-                pass
 
     # -- what is next ----------------------------------------------------------------------------
 
-    def is_done(self, point: Point) -> bool:
-        """Return whether a point needs nothing more."""
-        done = self.prepared if point.role in PREPARATIONS else self.standing
-        return point.number in done or point.number in self.skipped
-
     def pending(self) -> list[Point]:
         """Return what is still to do, in order."""
-        return [point for point in self.points if not self.is_done(point)]
+        done = {**self.prepared, **self.standing}
+        return [p for p in self.points if p.number not in done and p.number not in self.skipped]
 
     def before(self, point: Point | None) -> Point | None:
         """Return the reading before a point that can be taken again."""
@@ -101,20 +95,22 @@ class CalibrationState:
     def zero_v(self, point: Point) -> float | None:
         """Return the last reading without weight in the mounting of `point` before it, V."""
         zeros = [
-            number
-            for number in self.standing
-            if number < point.number
-            and self._point(number).mass_kg == 0.0
-            and self._point(number).mounting == point.mounting
+            zero.number
+            for zero in self.points[: point.number - 1]
+            if zero.number in self.standing
+            and zero.mass_kg == 0.0
+            and zero.mounting == point.mounting
         ]
-        return float(self.standing[max(zeros)]["reading_v"]) if zeros else None
+        return float(self.standing[zeros[-1]]["reading_v"]) if zeros else None
 
     def rest_v(self) -> float | None:
         """Return the bridge at rest before the first weight, V; None where it was not read."""
-        for number, body in self.prepared.items():
-            if self._point(number).role == "zero-check" and "reading_v" in body:
-                return float(body["reading_v"])
-        return None
+        read = [
+            float(body["reading_v"])
+            for number, body in self.prepared.items()
+            if self._point(number).role == "zero-check" and "reading_v" in body
+        ]
+        return read[0] if read else None
 
     def deflections(self) -> list[tuple[float, float]]:
         """Return torque (N m, not 0) and reading less its zero (V) of accepted readings."""
@@ -135,26 +131,21 @@ class CalibrationState:
 class CalibrationLog:
     """Writes to the journal, then into the state: never the other way round."""
 
-    def __init__(self, journal: JournalWriter, state: CalibrationState) -> None:
+    def __init__(
+        self, journal: JournalWriter, points: Sequence[Point], content: JournalContent | None
+    ) -> None:
         self._journal = journal
-        self.state = state
-
-    def note(self, event: str, body: Mapping[str, Any] | None = None) -> None:
-        """Note an event."""
-        self._append("event", {"event": event, **(body or {})})
-
-    def reading(self, body: Mapping[str, Any]) -> None:
-        """Note an accepted reading."""
-        self._append("reading", body)
-
-    def replay(self, content: JournalContent) -> None:
-        """Take in what the journal holds already."""
-        known = range(1, len(self.state.points) + 1)
-        for block in content.blocks:
-            if block.extra.get("point", 1) in known:
+        self.state = CalibrationState(points)
+        for block in () if content is None else content.blocks:
+            if block.extra.get("point", 1) in range(1, len(points) + 1):
                 self.state.apply(block.kind, block.extra)
 
-    def _append(self, kind: str, body: Mapping[str, Any]) -> None:
+    def note(self, event: str, **body: Any) -> None:
+        """Note an event."""
+        self.append("event", {"event": event, **body})
+
+    def append(self, kind: str, body: Mapping[str, Any]) -> None:
+        """Note an event or an accepted reading."""
         self._journal.append(kind, {}, body)
         self.state.apply(kind, body)
 
@@ -163,51 +154,49 @@ class CalibrationLog:
 class Mounting:
     """Has things moved at a simulated bench, and notes what the person confirmed at any."""
 
-    profile: ProfileData
     log: CalibrationLog
     operator: SimulatedOperator | None
 
     def lock(self) -> None:
         """Note the locked wave generator."""
-        if self.operator is not None:
-            self.operator.mount(locked=True, position_rad=self.log.state.position_rad or 0.0)
-        self._note("locked", {"locked": True})
+        self._mount(self.log.state.position_rad or 0.0)
+        self._note("locked", locked=True)
 
     def place(self, point: Point) -> None:
         """Note the position of a point."""
-        if self.operator is not None:
-            self.operator.mount(locked=True, position_rad=point.position_rad)
-        self._note("placed", {"position_rad": point.position_rad})
+        self._mount(point.position_rad)
+        self._note("placed", position_rad=point.position_rad)
 
-    def put(self, point: Point, mass_kg: float | None = None) -> None:
-        """Note the weight of a point."""
-        state = self.log.state
-        attempt = state.attempts.get(point.number, 0) + 1
-        mass = point.mass_kg if mass_kg is None else mass_kg
-        mass += self.profile.arm.tare_kg if mass else 0.0
+    def put(self, point: Point, hung_kg: float) -> None:
+        """Note the weight of a point, which hangs with what carries it."""
+        attempt = self.log.state.attempts[point.number] + 1
         if self.operator is not None:
             if point.role == "shunt":
                 self.operator.shunt(closed=True)
             else:
                 self.operator.put(
-                    mass, direction=point.direction, number=point.number, attempt=attempt
+                    hung_kg, direction=point.direction, number=point.number, attempt=attempt
                 )
-        self._note("hung", {"point": point.number, "direction": point.direction})
+        self._note("hung", point=point.number, direction=point.direction)
 
     def open_shunt(self) -> None:
         """Take the shunt resistor off again."""
         if self.operator is not None:
             self.operator.shunt(closed=False)
-        self._note("opened", {})
+        self._note("opened")
 
     def restore(self) -> None:
         """Bring a simulated bench to where the journal left it."""
         if self.operator is not None:
             self.operator.restore(self.log.state.fixtures, self.log.state.acquisitions)
 
-    def _note(self, event: str, body: Mapping[str, Any]) -> None:
+    def _mount(self, position_rad: float) -> None:
+        if self.operator is not None:
+            self.operator.mount(locked=True, position_rad=position_rad)
+
+    def _note(self, event: str, **body: Any) -> None:
         """Note what changed at a simulated bench, then the event."""
         if self.operator is not None:
             for change in self.operator.history()[len(self.log.state.fixtures) :]:
-                self.log.note("fixture", {"fixture": change})
-        self.log.note(event, body)
+                self.log.note("fixture", fixture=change)
+        self.log.note(event, **body)

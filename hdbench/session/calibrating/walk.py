@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
 
+from hdbench.devices import SimulatedOperator
 from hdbench.devices.bench import Bench, SafeState
 from hdbench.errors import Stopped
-from hdbench.profile.schema import ProfileData
+from hdbench.records import Loads
+from hdbench.records.counted import journal_loads, write_sequence
+from hdbench.records.journal import JournalWriter, read_journal
+from hdbench.records.loads import read_sequence, write_loads
+from hdbench.records.runfolder import utc_now
 from hdbench.session.calibrating.conversation import (
     Answer,
     Conversation,
@@ -17,33 +23,14 @@ from hdbench.session.calibrating.conversation import (
     Reply,
 )
 from hdbench.session.calibrating.plausibility import Expectation, doubt_about
-from hdbench.session.calibrating.points import PREPARATIONS, Point
 from hdbench.session.calibrating.reading import BridgeReader, Taken, reading_entry
-from hdbench.session.calibrating.settling import Judgement, SettledReading, SettleRule, settle_rule
+from hdbench.session.calibrating.settling import Judgement, SettledReading, settle_rule
 from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting
-from hdbench.session.stop import StopSignals
+from hdbench.session.options import Task
+from hdbench.session.plans import PREPARATIONS, Point
+from hdbench.session.runner import counted
 
-_ALL = (Answer.ACCEPT, Answer.REPEAT, Answer.BACK, Answer.SKIP, Answer.QUIT)
-
-
-def lock_question() -> Question:
-    """Ask for the locked wave generator."""
-    return Question(
-        "lock",
-        "Lock the wave generator with the locking shaft and mount the arm.",
-        (Answer.ACCEPT, Answer.QUIT),
-    )
-
-
-def place_question(point: Point) -> Question:
-    """Ask for the flexspline position of a point."""
-    degrees = math.degrees(point.position_rad)
-    return Question(
-        "place",
-        f"Weights off. Bring the flexspline to position {point.position_index} of "
-        f"{point.position_count}: {degrees:.1f} degrees, and lock again.",
-        (Answer.ACCEPT, Answer.QUIT),
-    )
+_GO_OR_QUIT = (Answer.ACCEPT, Answer.QUIT)
 
 
 def hang_question(point: Point, expectation: Expectation) -> Question:
@@ -58,17 +45,7 @@ def hang_question(point: Point, expectation: Expectation) -> Question:
     if point.role in ("reading", "preload"):
         volts = expectation.volts(point.torque_nm)
         expected = f" Expect {point.torque_nm:+.3f} N m, {volts:+.3f} V."
-    return Question("hang", f"{point.label}: {what}{expected}", _ALL)
-
-
-def still_question(point: Point, waited_s: float, spread_nm: float) -> Question:
-    """Ask what to do with a reading that does not settle."""
-    return Question(
-        "time-out",
-        f"{point.label}: not steady after {waited_s:.0f} s (the reading moves by "
-        f"{spread_nm:.3f} N m). Take its average as it is, marked?",
-        _ALL,
-    )
+    return Question("hang", f"{point.label}: {what}{expected}")
 
 
 def wrong_question(point: Point, problem: str) -> Question:
@@ -76,17 +53,7 @@ def wrong_question(point: Point, problem: str) -> Question:
     wanted = "no weight" if point.mass_kg == 0.0 else f"{point.mass_kg:g} kg"
     wanted = "the shunt resistor on" if point.role == "shunt" else wanted
     text = f"{problem} Asked for: {wanted}, {point.direction} side."
-    return Question("gross-error", text, _ALL, default=Answer.REPEAT)
-
-
-def last_question(taken: int, skipped: int) -> Question:
-    """Ask whether everything is done."""
-    left = f", {skipped} skipped" if skipped else ""
-    return Question(
-        "last",
-        f"{taken} readings taken{left}. Finish the calibration?",
-        (Answer.ACCEPT, Answer.REPEAT, Answer.BACK, Answer.QUIT),
-    )
+    return Question("gross-error", text, default=Answer.REPEAT)
 
 
 def left_line(state: CalibrationState) -> str:
@@ -111,64 +78,48 @@ def accepted_line(
     )
 
 
-def live_reading(
-    point: Point, judged: Judgement, rule: SettleRule, waited_s: float, torque_nm: float
-) -> LiveReading:
-    """Return what a person sees of one moment."""
-    needed_s = rule.window * rule.period_s
-    earliest_s = rule.read_after * rule.period_s + needed_s
-    return LiveReading(
-        label=point.label,
-        value_v=judged.value_v,
-        slope_v_s=judged.slope_v_s,
-        spread_v=judged.spread_v,
-        torque_nm=torque_nm,
-        share=judged.share,
-        remaining_s=max((1.0 - judged.share) * needed_s, earliest_s - waited_s),
-        waited_s=waited_s,
-        limit_s=rule.limit * rule.period_s,
-        swing_period_s=None if judged.swing is None else judged.swing.period_s,
-    )
-
-
-@dataclass(slots=True)
 class CalibrationWalk:
     """One calibration on one bench."""
 
-    profile: ProfileData
-    bench: Bench
-    log: CalibrationLog
-    talk: Conversation
-    mounting: Mounting
-    stop: StopSignals
-    progress: Callable[[str, float], None]
-    where: str
-    clock: Callable[[], float] | None = None
-    safe: SafeState | None = field(default=None, init=False)
-    reader: BridgeReader = field(init=False)
-    _before_s: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.reader = BridgeReader(self.profile, self.bench, self.stop)
+    def __init__(
+        self,
+        task: Task,
+        bench: Bench,
+        journal: JournalWriter,
+        talk: Conversation,
+        operator: SimulatedOperator | None,
+    ) -> None:
+        self._task = task
+        self._profile = task.profile.data
+        self._bench = bench
+        self._talk = talk
+        self.log = CalibrationLog(journal, task.plan.points, task.content)
+        self._mounting = Mounting(self.log, operator)
+        self._reader = BridgeReader(self._profile, bench, task.stop)
         self._before_s = self.log.state.time_s
+        # samples tell the time of a bench that does not keep real time
+        self._timed = bench.simulation is None or bool(task.options.realtime)
+        self.safe: SafeState | None = None
 
     def run(self) -> None:
         """Walk to the end; the bench is safe afterwards, whatever happened."""
         state = self.log.state
         try:
-            self.mounting.restore()
+            self._mounting.restore()
             if state.locked:
-                self.talk.tell(left_line(state))
+                self._talk.tell(left_line(state))
             while True:
-                self.stop.check()
+                self._task.stop.check()
                 pending = state.pending()
                 if pending:
-                    self.progress(pending[0].describe(), 1.0 - len(pending) / len(state.points))
+                    self._task.progress(
+                        pending[0].describe(), 1.0 - len(pending) / len(state.points)
+                    )
                     self._visit(pending[0])
                 elif self._finished():
                     return
         finally:
-            self.safe = self.bench.safe_state()
+            self.safe = self._bench.safe_state()
 
     # -- asking ----------------------------------------------------------------------------------
 
@@ -176,30 +127,34 @@ class CalibrationWalk:
         if point is not None:
             place = f"{point.number} of {len(self.log.state.points)}"
             question = replace(question, progress=place)
-        if not self.talk.attended:
-            reply = self.talk.ask(question)
+        if self._talk.attended:
+            with self._task.stop.interruptible():
+                reply = self._talk.ask(question)
         else:
-            with self.stop.interruptible():
-                reply = self.talk.ask(question)
+            reply = self._talk.ask(question)
         if reply.answer is Answer.QUIT:
             self._quit()
         return reply
 
     def _quit(self) -> None:
         state = self.log.state
-        self.log.note("saved", {"time_s": self._time_s()})
+        self.log.note("saved", time_s=self._time_s())
+        where = str(self._task.folder.path)
         raise Stopped(
             f"saved: {len(state.standing)} readings taken, {len(state.pending())} points to go",
-            where=self.where,
-            fix=f"go on with: hdbench runs resume {self.where}",
+            where=where,
+            fix=f"go on with: hdbench runs resume {where}",
             exit_code=130,
         )
 
     def _finished(self) -> bool:
         state = self.log.state
-        if not self.talk.attended:
+        if not self._talk.attended:
             return True
-        reply = self._ask(last_question(len(state.standing), len(state.skipped)))
+        left = f", {len(state.skipped)} skipped" if state.skipped else ""
+        text = f"{len(state.standing)} readings taken{left}. Finish the calibration?"
+        answers = (Answer.ACCEPT, Answer.REPEAT, Answer.BACK, Answer.QUIT)
+        reply = self._ask(Question("last", text, answers))
         if reply.answer is not Answer.ACCEPT:
             self._turn(reply.answer, None)
         return reply.answer is Answer.ACCEPT
@@ -209,15 +164,15 @@ class CalibrationWalk:
         if wanted is Answer.QUIT:
             self._quit()
         if wanted is Answer.SKIP and point is not None:
-            self.log.note("skipped", {"point": point.number})
-            self.talk.tell(f"skipped: {point.label}")
+            self.log.note("skipped", point=point.number)
+            self._talk.tell(f"skipped: {point.label}")
             return
         earlier = self.log.state.before(point)
         if earlier is None:
-            self.talk.tell("no reading to go back to at this position and side")
+            self._talk.tell("no reading to go back to at this position and side")
             return
-        self.log.note("reopened", {"point": earlier.number, "why": wanted.value})
-        self.talk.tell(f"again: {earlier.label}; its reading is kept, marked {wanted.value}")
+        self.log.note("reopened", point=earlier.number, why=wanted.value)
+        self._talk.tell(f"again: {earlier.label}; its reading is kept, marked {wanted.value}")
 
     # -- one point -------------------------------------------------------------------------------
 
@@ -230,7 +185,7 @@ class CalibrationWalk:
             if reply.answer is not Answer.ACCEPT:
                 self._turn(reply.answer, point)
                 return
-            self.mounting.put(point, reply.mass_kg)
+            self._put(point, reply)
         while True:
             taken, flags = self._take(point), list[str]()
             wanted = self._judged(point, taken, flags)
@@ -245,29 +200,42 @@ class CalibrationWalk:
     def _mount(self, point: Point) -> None:
         state = self.log.state
         if not state.locked:
-            self._ask(lock_question())
-            self.mounting.lock()
-            self.reader.remount()
+            text = "Lock the wave generator with the locking shaft and mount the arm."
+            self._ask(Question("lock", text, _GO_OR_QUIT))
+            self._mounting.lock()
+            self._reader.remount()
         if state.position_rad != point.position_rad:
-            self._ask(place_question(point))
-            self.mounting.place(point)
-            self.reader.remount()
+            text = (
+                f"Weights off. Bring the flexspline to position {point.position_index} of "
+                f"{point.position_count}: {math.degrees(point.position_rad):.1f} degrees, and lock "
+                "again."
+            )
+            self._ask(Question("place", text, _GO_OR_QUIT))
+            self._mounting.place(point)
+            self._reader.remount()
+
+    def _put(self, point: Point, reply: Reply) -> None:
+        mass_kg = point.mass_kg if reply.mass_kg is None else reply.mass_kg
+        self._mounting.put(point, mass_kg + (self._profile.arm.tare_kg if mass_kg else 0.0))
 
     def _take(self, point: Point) -> Taken:
-        state = self.log.state
-        self.log.note("acquiring", {"point": point.number, "acquisitions": state.acquisitions + 1})
+        acquisitions = self.log.state.acquisitions + 1
+        self.log.note("acquiring", point=point.number, acquisitions=acquisitions)
         expectation = self._expectation(point)
-        plan = self.profile.calibration
-        rule = settle_rule(plan, point.read_after_s, self.profile.sensor.gain_nm_per_v)
+        profile = self._profile
+        rule = settle_rule(profile.calibration, point.read_after_s, profile.sensor.gain_nm_per_v)
 
         def watch(judged: Judgement, waited_s: float) -> Answer | None:
+            window_s = rule.window * rule.period_s
+            earliest_s = rule.read_after * rule.period_s + window_s
+            left_s = max((1.0 - judged.share) * window_s, earliest_s - waited_s)
             torque_nm = expectation.torque_nm(judged.value_v)
-            return self.talk.watch(live_reading(point, judged, rule, waited_s, torque_nm))
+            return self._talk.watch(LiveReading(judged, torque_nm, left_s))
 
-        watched = self.reader.watched
-        taken = self.reader.take(rule, watch)
-        if watched and not self.reader.watched:
-            self.talk.tell(
+        watched = self._reader.watched
+        taken = self._reader.take(rule, watch)
+        if watched and not self._reader.watched:
+            self._talk.tell(
                 "this bench has no encoder: look yourself whether the lock holds", remarkable=True
             )
         return taken
@@ -280,11 +248,15 @@ class CalibrationWalk:
         if not taken.reading.settled:
             flags.append("timeout" if taken.wanted is None else "not-settled")
             if taken.wanted is None:
-                spread_nm = taken.spread_v * self.profile.sensor.gain_nm_per_v
-                reply = self._ask(still_question(point, taken.waited_s, spread_nm), point)
+                spread_nm = taken.spread_v * self._profile.sensor.gain_nm_per_v
+                text = (
+                    f"{point.label}: not steady after {taken.waited_s:.0f} s (the reading moves by "
+                    f"{spread_nm:.3f} N m). Take its average as it is, marked?"
+                )
+                reply = self._ask(Question("time-out", text), point)
                 if reply.answer is not Answer.ACCEPT:
                     return reply.answer
-        doubt = doubt_about(point, taken, state, self.profile)
+        doubt = doubt_about(point, taken, state, self._profile)
         if doubt is None:
             return Answer.ACCEPT
         mark, problem = doubt
@@ -292,9 +264,9 @@ class CalibrationWalk:
         reply = self._ask(wrong_question(point, problem), point)
         if reply.answer is not Answer.ACCEPT:
             entry = reading_entry(point, taken, state, flags, self._time_s())
-            self.log.note("rejected", {**entry, "why": problem})
+            self.log.note("rejected", **entry, why=problem)
         if reply.answer is Answer.REPEAT:
-            self.mounting.put(point, reply.mass_kg)
+            self._put(point, reply)
         return reply.answer
 
     def _accept(self, point: Point, taken: Taken, flags: list[str]) -> None:
@@ -302,19 +274,58 @@ class CalibrationWalk:
         expectation = self._expectation(point)
         entry = reading_entry(point, taken, state, flags, self._time_s())
         if point.role in PREPARATIONS:
-            self.log.note("prepared", {**entry, "role": point.role})
+            self.log.note("prepared", **entry, role=point.role)
         else:
-            self.log.reading(entry)
+            self.log.append("reading", entry)
         line = accepted_line(point, taken.reading, expectation, flags)
-        self.talk.tell(line, remarkable=bool(flags))
+        self._talk.tell(line, remarkable=bool(flags))
         if point.role == "shunt":
-            self.talk.tell("Switch the shunt resistor off again.")
-            self.mounting.open_shunt()
+            self._talk.tell("Switch the shunt resistor off again.")
+            self._mounting.open_shunt()
 
     def _expectation(self, point: Point) -> Expectation:
-        return Expectation.of(point, self.log.state, self.profile.sensor.gain_nm_per_v)
+        return Expectation.of(point, self.log.state, self._profile.sensor.gain_nm_per_v)
 
     def _time_s(self) -> float:
-        if self.clock is not None:
-            return max(self.log.state.time_s, self.clock())
-        return self._before_s + self.reader.sampled_s
+        if not self._timed:
+            return self._before_s + self._reader.sampled_s
+        started = datetime.fromisoformat(str(self._task.folder.manifest["started_utc"]))
+        return max(self.log.state.time_s, (utc_now() - started).total_seconds())
+
+    # -- what is kept -----------------------------------------------------------------------------
+
+    def records(self) -> Loads | None:
+        """Return the readings that count, as the journal has them."""
+        folder = self._task.folder
+        if not self.log.state.standing:
+            return None
+        content = read_journal(folder.journal)
+        loads = journal_loads(content, str(folder.loads))
+        course = read_sequence(write_sequence(folder.path, content))
+        return replace(loads, metadata={**loads.metadata, "sequence": course})
+
+    def files(self) -> list[Path]:
+        """Write the readings that count, and the course of the calibration."""
+        folder = self._task.folder
+        files = [write_sequence(folder.path, read_journal(folder.journal))]
+        records = self.records()
+        if records is not None:
+            write_loads(folder.loads, records)
+            files.insert(0, folder.loads)
+        return files
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return unsettled, saturated, doubtful and skipped readings."""
+        state = self.log.state
+        flags = [set(str(body.get("flags", "")).split(";")) for body in state.standing.values()]
+        marks = {
+            "readings taken before they had settled": {"timeout", "not-settled"},
+            "readings saturated": {"saturated"},
+            "readings kept although they do not fit their weight": {"confirmed-gross-error"},
+        }
+        numbers = [(sum(bool(one & mark) for one in flags), what) for what, mark in marks.items()]
+        checks = [str(body.get("flags")) for body in state.prepared.values() if body.get("flags")]
+        return (
+            *counted([*numbers, (len(state.skipped), "points skipped")]),
+            *(f"check before the first weight: {flag}" for flag in checks),
+        )

@@ -40,7 +40,7 @@ def measured(kind: str, name: str, out: Path) -> dict:
     options = BenchOptions(out=out, seed=21)
     outcome = run_experiment(kind, shortened(name), options, lambda *_: None)
     assert outcome.doubts == ()
-    return outcome.evaluation.result.to_json()
+    return outcome.result.to_json()
 
 
 def agree(one: dict, other: dict) -> None:
