@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from hdbench.calibration.lines import position_number
-from hdbench.comparison.score import Compared, SharedPart, compared
+from hdbench.comparison.dynamic import Moved
+from hdbench.comparison.score import Compared, SharedPart, Terms, compared
 from hdbench.estimation.harmonics import combine
 from hdbench.records import Quantity
 from hdbench.results import CalibrationResult
@@ -19,9 +20,7 @@ _GAIN = ("gain_nm_per_v", "torque gain", "N m/V")
 _FEWEST_PAIRS = 3
 
 
-def compare_calibrations(
-    a: CalibrationResult, b: CalibrationResult, *, confidence: float, independent: bool
-) -> tuple[tuple[Compared, ...], str]:
+def compare_calibrations(a: CalibrationResult, b: CalibrationResult, terms: Terms) -> Moved:
     """Compare the gains of two calibrations, and say what was taken as common to both.
 
     Notes
@@ -31,15 +30,15 @@ def compare_calibrations(
     does anew shows in their scatter. Positions, not experiments, count as independent.
     """
     first, second = a.gain_nm_per_v, b.gain_nm_per_v
-    shared = [] if independent else _shared_rows(a, b)
+    shared = [] if terms.independent else _shared_rows(a, b)
     parts = [SharedPart(first.value * rel, second.value * rel, dof) for _, rel, dof in shared]
-    pairs = _paired(a, b, parts, confidence)
+    pairs = _paired(a, b, parts, terms.confidence)
     plain = compared(
         _GAIN,
         first,
         second,
         common=parts,
-        confidence=confidence,
+        confidence=terms.confidence,
         decides=pairs is None,
         note="means of all positions",
     )
@@ -50,7 +49,8 @@ def compare_calibrations(
     ):
         if numbers != (None, None):
             found.append(Compared(key, label, "", *numbers, note="no uncertainty declared"))
-    return tuple(found), _assumption(shared, independent, pairs is not None)
+    words = _assumption(shared, terms.independent, pairs is not None)
+    return Moved(tuple(found), words)
 
 
 def _budget(result: CalibrationResult) -> dict[str, BudgetRow]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from hdbench.comparison.dynamic import Moved
-from hdbench.comparison.score import compared
+from hdbench.comparison.score import Terms, compared
 from hdbench.records import Quantity
 from hdbench.results import DiagnosisResult
 
 
-def compare_diagnoses(a: DiagnosisResult, b: DiagnosisResult, *, confidence: float) -> Moved:
+def compare_diagnoses(a: DiagnosisResult, b: DiagnosisResult, terms: Terms) -> Moved:
     """Compare two diagnoses: causes of one only, and parameters of those of both."""
     first, second = ({cause.name: cause for cause in one.causes} for one in (a, b))
     rows = []
@@ -20,10 +20,11 @@ def compare_diagnoses(a: DiagnosisResult, b: DiagnosisResult, *, confidence: flo
             if x.std is not None and y.std is not None:
                 named = (f"{name}.{key}", f"{name}, {key}", "" if x.unit == "1" else x.unit)
                 rows.append((named, Quantity(x.value, x.std), Quantity(y.value, y.std)))
-    level = 1.0 - (1.0 - confidence) / max(1, len(rows))
+    level = terms.level(len(rows))
     found = tuple(compared(named, x, y, confidence=level, decides=True) for named, x, y in rows)
     return Moved(
         found,
+        "parameters taken as independent",
         only_a=tuple(sorted(first.keys() - second.keys())),
         only_b=tuple(sorted(second.keys() - first.keys())),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.comparison.score import SharedPart, own_part, region, score_vector
+from hdbench.comparison.score import SharedPart, own_part, region
 from hdbench.estimation.harmonics import combine
 from hdbench.records import FloatArray, Quantity
 
@@ -46,11 +47,9 @@ class OrderPair:
 
     def vectors(self, shift_rad: float = 0.0) -> tuple[complex, complex]:
         """Return both as complex amplitudes, the second turned back by a shift of the angle."""
-        a = self.amplitude_a.value * complex(
-            math.cos(self.phase_a.value), math.sin(self.phase_a.value)
-        )
+        a = cmath.rect(self.amplitude_a.value, self.phase_a.value)
         phase = self.phase_b.value - self.order * shift_rad
-        return a, self.amplitude_b.value * complex(math.cos(phase), math.sin(phase))
+        return a, cmath.rect(self.amplitude_b.value, phase)
 
     def covariance(self, shift_rad: float = 0.0) -> FloatArray:
         """Return the covariance of the difference of both vectors."""
@@ -107,13 +106,18 @@ class Pattern:
     scores: tuple[float | None, ...]
     score: float | None
 
+    @property
+    def moved(self) -> bool | None:
+        """Whether it moved; None where that cannot be told."""
+        return None if self.score is None else not self.score <= 1.0
+
     def to_dict(self) -> dict[str, Any]:
         """Return it as ``--json`` prints it."""
         return {
             "same_origin": self.same_origin,
             "shift_rad": self.shift_rad,
             "score": self.score,
-            "moved": None if self.score is None else not self.score <= 1.0,
+            "moved": self.moved,
             "orders": [
                 {
                     "order": pair.order,
@@ -160,7 +164,7 @@ def _dof(pairs: Sequence[OrderPair]) -> float | None:
 
 
 def compare_pattern(
-    pairs: Sequence[OrderPair], *, same_origin: bool, confidence: float
+    pairs: Sequence[OrderPair], same_origin: bool, confidence: float
 ) -> Pattern | None:
     r"""Compare the orders of two runs as vectors.
 
@@ -175,13 +179,11 @@ def compare_pattern(
         return None
     shift = 0.0 if same_origin else _best_shift(pairs)
     dof = _dof(pairs)
-    scores = tuple(
-        score_vector(_step(pair, shift), pair.covariance(shift), confidence, dof) for pair in pairs
-    )
+    scores = tuple(_score([pair], shift, 2, confidence, dof) for pair in pairs)
     free = 2 * len(pairs) - (0 if same_origin else 1)
     joint = None
     if same_origin or len(pairs) > 1:
-        joint = _joint(_statistic(pairs, shift), free, confidence, dof)
+        joint = _score(pairs, shift, free, confidence, dof)
     return Pattern(same_origin, shift, tuple(pairs), scores, joint)
 
 
@@ -221,7 +223,11 @@ def _best_shift(pairs: Sequence[OrderPair]) -> float:
     return math.remainder(float(found.x), 2.0 * math.pi)
 
 
-def _joint(statistic: float, free: int, confidence: float, dof: float | None) -> float | None:
+def _score(
+    pairs: Sequence[OrderPair], shift: float, free: int, confidence: float, dof: float | None
+) -> float | None:
+    """Return how far the differences are out of their confidence region."""
+    statistic = _statistic(pairs, shift)
     if not math.isfinite(statistic):
         return None
     return math.sqrt(max(0.0, statistic) / region(free, confidence, dof))

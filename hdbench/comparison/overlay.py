@@ -11,25 +11,22 @@ from hdbench.comparison.orders import Pattern
 from hdbench.comparison.side import Side
 from hdbench.errors import DataError
 from hdbench.records import FloatArray
-from hdbench.results import CalibrationResult
 
 # points per turn: order 4 gets 45 of them
 _POINTS = 181
 
 
-def overlay(
-    kind: str, a: Side, b: Side, pattern: Pattern | None
-) -> tuple[dict[str, Any] | None, str]:
+def overlay(a: Side, b: Side, pattern: Pattern | None) -> tuple[dict[str, Any] | None, str]:
     """Return what to draw of both."""
-    if kind == "calibration":
+    if a.kind == "calibration":
         try:
             drawn = _calibration(a, b)
         except DataError as error:
             # the numbers stand without the picture: it is left out and said so
             return None, f"the readings of one calibration cannot be read: {error.what}"
         return drawn, "" if drawn else "the readings of one calibration are not beside its result"
-    if kind in ("misalignment", "ripple") and pattern is not None:
-        return _turn(kind, pattern), ""
+    if pattern is not None:
+        return _turn(a.kind, pattern), ""
     return None, "nothing to be drawn"
 
 
@@ -50,11 +47,9 @@ def _turn(kind: str, pattern: Pattern) -> dict[str, Any]:
 
 
 def _calibration(a: Side, b: Side) -> dict[str, Any] | None:
-    drawn = None
-    if isinstance(a.result, CalibrationResult):
-        gain = a.result.gain_nm_per_v.value
-        drawn = [_deviations(side, gain) for side in (a, b)]
-    if drawn is None or None in drawn:
+    gain = a.result.gain_nm_per_v.value
+    drawn = [_deviations(side, gain) for side in (a, b)]
+    if None in drawn:
         return None
     return {
         "x": {"label": "applied torque", "unit": "N m"},
@@ -67,7 +62,7 @@ def _calibration(a: Side, b: Side) -> dict[str, Any] | None:
 def _deviations(side: Side, gain: float) -> dict[str, list[float]] | None:
     """Return applied torque and shown less applied torque, each experiment's zero taken off."""
     loads = side.loads()
-    if loads is None or not isinstance(side.result, CalibrationResult):
+    if loads is None:
         return None
     zeros = {line.id: line.zero_v or 0.0 for line in side.result.experiments}
     points = [

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from hdbench.estimation.harmonics import combine
-from hdbench.records import FloatArray, Quantity
+from hdbench.records import Quantity
 
 # Student's t is the normal distribution to four digits of k from here on
 _MANY_DOF = 1e6
@@ -69,40 +67,41 @@ class Compared:
             return None
         return self.coverage_factor * self.difference.std
 
+    @property
+    def values(self) -> tuple[float | None, float | None]:
+        """Both without their uncertainties."""
+        a, b = (x.value if isinstance(x, Quantity) else x for x in (self.a, self.b))
+        return a, b
+
     def to_dict(self) -> dict[str, Any]:
         """Return it as ``--json`` prints it."""
-        change = _relative(self.a, self.b)
-        return {
-            "name": self.name,
-            "label": self.label,
-            "unit": self.unit,
-            "a": _plain(self.a),
-            "b": _plain(self.b),
-            "difference": None if self.difference is None else self.difference.to_dict(),
-            "relative_change": change,
-            "expanded": self.expanded,
-            "coverage_factor": self.coverage_factor,
-            "score": self.score,
-            "moved": self.moved,
-            "correlation": self.correlation,
-            "decides": self.decides,
-            "note": self.note,
-        }
+        first, second = self.values
+        change = second / first - 1.0 if first and second is not None else None
+        told = {"relative_change": change, "expanded": self.expanded, "moved": self.moved}
+        return {**asdict(self), **told}
 
 
-def _plain(body: Quantity | float | None) -> object:
-    return body.to_dict() if isinstance(body, Quantity) else body
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """How two results are held against each other.
 
+    Parameters
+    ----------
+    confidence : float
+        Of the verdict, in (0.5, 1).
+    same_origin : bool
+        Angle 0 is one mark on the shaft in both runs: then phases count.
+    independent : bool
+        Take no standard and no gain as common to both.
+    """
 
-def _value(body: Quantity | float | None) -> float | None:
-    return body.value if isinstance(body, Quantity) else body
+    confidence: float = 0.95
+    same_origin: bool = False
+    independent: bool = False
 
-
-def _relative(a: Quantity | float | None, b: Quantity | float | None) -> float | None:
-    first, second = _value(a), _value(b)
-    if first is None or second is None or first == 0.0:
-        return None
-    return second / first - 1.0
+    def level(self, tests: int) -> float:
+        """Return the confidence of each of so many tests."""
+        return 1.0 - (1.0 - self.confidence) / max(1, tests)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,18 +192,3 @@ def region(size: int, confidence: float, dof: float | None) -> float:
     if dof is None or dof > _MANY_DOF:
         return float(chdtri(size, 1.0 - confidence))
     return size * float(fdtri(size, dof, confidence))
-
-
-def score_vector(
-    difference: FloatArray, covariance: FloatArray, confidence: float, dof: float | None
-) -> float | None:
-    """Return how far a vector difference is out of its confidence region."""
-    n = len(difference)
-    try:
-        statistic = float(difference @ np.linalg.solve(covariance, difference))
-    except np.linalg.LinAlgError:
-        return None
-    quantile = region(n, confidence, dof)
-    if not (statistic >= 0.0 and quantile > 0.0):
-        return None
-    return math.sqrt(statistic / quantile)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
 from hdbench.records.loads import read_loads
 from hdbench.records.runfolder import RunFolder
-from hdbench.results import Part, read_result
+from hdbench.results import read_result
 from hdbench.results.parts import Leaf, flatten
 
 _ABOUT = ("hdbench_version", "versions", "device", "host", "calibration", "status")
@@ -36,9 +37,8 @@ class Side:
         Name of the run, or of the file.
     body : mapping
         The result as its file holds it.
-    result : Part
-        The same typed: a `CalibrationResult`, `MisalignmentResult`, `RippleResult` or
-        `DiagnosisResult`.
+    result : CalibrationResult, MisalignmentResult, RippleResult or DiagnosisResult
+        The same typed.
     manifest : mapping
         Content of run.json; empty where only a result file was named.
     profile : Profile or None
@@ -49,7 +49,7 @@ class Side:
     kind: str
     run_id: str
     body: Mapping[str, Any]
-    result: Part
+    result: Any
     manifest: Mapping[str, Any]
     profile: Profile | None
 
@@ -112,64 +112,37 @@ def _profile(manifest: Mapping[str, Any], file: Path) -> Profile | None:
     return parse_profile(text, f"{file.parent / 'run.json'}: profile")
 
 
-@dataclass(frozen=True, slots=True)
-class KeyChange:
-    """One key that is not the same in both.
-
-    Parameters
-    ----------
-    key : str
-        Its path.
-    a, b : number, text, bool or None
-        Its values; None also where it is absent, see `only`.
-    only : str
-        ``a`` or ``b`` where the other one lacks it, else empty.
-    """
-
-    key: str
-    a: Leaf
-    b: Leaf
-    only: str = ""
-
-
-def _differences(a: Mapping[str, Leaf], b: Mapping[str, Leaf]) -> tuple[KeyChange, ...]:
-    changes = []
+def _differences(a: Mapping[str, Leaf], b: Mapping[str, Leaf]) -> list[dict[str, Leaf]]:
+    """Return the keys that are not the same in both; `only` names the side that has one alone."""
+    changes: list[dict[str, Leaf]] = []
     for key in sorted(a.keys() | b.keys()):
         only = "" if key in a and key in b else "a" if key in a else "b"
         if only or a[key] != b[key]:
-            changes.append(KeyChange(key, a.get(key), b.get(key), only))
-    return tuple(changes)
+            changes.append({"key": key, "a": a.get(key), "b": b.get(key), "only": only})
+    return changes
 
 
-def profile_changes(a: Side, b: Side) -> tuple[KeyChange, ...] | None:
+def profile_changes(a: Side, b: Side) -> list[dict[str, Leaf]] | None:
     """Return the profile keys that differ, as the profiles were written."""
     if a.profile is None or b.profile is None:
         return None
-    texts = [tomllib.loads(side.profile.text) for side in (a, b) if side.profile is not None]
-    return _differences(flatten(_plain(texts[0])), flatten(_plain(texts[1])))
+    first, second = (
+        # dates as text
+        flatten(json.loads(json.dumps(tomllib.loads(profile.text), default=str)))
+        for profile in (a.profile, b.profile)
+    )
+    return _differences(first, second)
 
 
-def _plain(body: Any) -> Any:
-    """Return a TOML value with dates as text."""
-    if isinstance(body, Mapping):
-        return {key: _plain(value) for key, value in body.items()}
-    if isinstance(body, list):
-        return [_plain(value) for value in body]
-    return body if isinstance(body, str | int | float | bool) else str(body)
-
-
-def environment_changes(a: Side, b: Side) -> tuple[KeyChange, ...] | None:
+def environment_changes(a: Side, b: Side) -> list[dict[str, Leaf]] | None:
     """Return what else differs: versions, device, host, calibration, evaluation."""
     if not (a.manifest and b.manifest):
         return None
     first, second = (
-        {
-            key: leaf
-            for key, leaf in flatten(
-                {name: side.manifest[name] for name in _ABOUT if name in side.manifest}
-            ).items()
-            if key not in _LEFT_OUT
-        }
+        flatten({name: side.manifest[name] for name in _ABOUT if name in side.manifest})
         for side in (a, b)
     )
+    for key in _LEFT_OUT:
+        first.pop(key, None)
+        second.pop(key, None)
     return _differences(first, second)

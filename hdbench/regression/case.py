@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +10,7 @@ from pydantic import Field
 from hdbench.errors import DataError
 from hdbench.records import Quantity, TorqueScale
 from hdbench.records.jsonfile import read_json
-from hdbench.regression.tolerance import Tolerance
+from hdbench.regression.tolerance import read_tolerances
 from hdbench.results import Part
 
 EXPECTED_SCHEMA = "hdbench/regression-expected/1"
@@ -33,39 +32,37 @@ class _CaseFile(Part, closed=True):
     schema: str
     kind: _Kind
     input: _Text
+    # name of a built-in profile, or a file beside the case
     profile: _Text
+    # preset or model file; None takes the profile's
     filter: _Text | None = None
+    # for volts; None takes the profile's, or ``torque_nm`` as it stands
     gain_nm_per_v: Quantity | None = None
     options: dict[str, _Number] = Field(default_factory=dict)
+    # they stand before the defaults
     tolerances: dict[str, dict[str, object]] = Field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
 class Case:
     """One stored input and how to evaluate it."""
 
-    folder: Path
-    kind: str
-    source: Path
-    # name of a built-in profile, or path of one
-    profile: str
-    # preset or model file; None takes the profile's
-    filter_name: str | None
-    # gain for volts; None takes the profile's, or ``torque_nm`` as it stands
-    scale: TorqueScale | None
-    options: dict[str, float]
-    # they stand before the defaults
-    tolerances: tuple[Tolerance, ...]
-
-    @property
-    def name(self) -> str:
-        """Name of the folder."""
-        return self.folder.name
-
-    @property
-    def expected(self) -> Path:
-        """File with what came out before."""
-        return self.folder / "expected.json"
+    def __init__(self, folder: Path) -> None:
+        file = folder / "case.json"
+        told = _CaseFile.from_json(read_json(file, _SCHEMA), str(file), _FIX)
+        known = _OPTIONS.get(told.kind, set())
+        for key in sorted(set(told.options) - known):
+            raise DataError(
+                f"unknown option of {told.kind}; known: {', '.join(sorted(known)) or 'none'}",
+                where=f"{file}: options.{key}",
+                fix=_FIX,
+            )
+        gain = told.gain_nm_per_v
+        self.name, self.kind, self.options = folder.name, told.kind, told.options
+        self.source, self.expected = folder / told.input, folder / "expected.json"
+        self.profile = _place(told.profile, ".toml", folder)
+        self.filter_name = told.filter and _place(told.filter, ".json", folder)
+        self.scale = None if gain is None else TorqueScale(gain, "regression case")
+        self.tolerances = read_tolerances(told.tolerances, f"{file}: tolerances", _FIX)
 
 
 def find_cases(folder: Path) -> tuple[Path, ...]:
@@ -81,35 +78,6 @@ def find_cases(folder: Path) -> tuple[Path, ...]:
             fix="name a folder of regression cases, such as tests/stored",
         )
     return found
-
-
-def read_case(folder: Path) -> Case:
-    """Read the case of one folder."""
-    file = folder / "case.json"
-    body = _CaseFile.from_json(read_json(file, _SCHEMA), str(file), _FIX)
-    known = _OPTIONS.get(body.kind, set())
-    for key in sorted(set(body.options) - known):
-        raise DataError(
-            f"unknown option of {body.kind}; known: {', '.join(sorted(known)) or 'none'}",
-            where=f"{file}: options.{key}",
-            fix=_FIX,
-        )
-    gain = body.gain_nm_per_v
-    return Case(
-        folder,
-        body.kind,
-        folder / body.input,
-        _place(body.profile, ".toml", folder),
-        None if body.filter is None else _place(body.filter, ".json", folder),
-        None if gain is None else TorqueScale(gain, "regression case"),
-        body.options,
-        tuple(
-            Tolerance.from_json(
-                {"pattern": pattern, **item}, f"{file}: tolerances[{pattern!r}]", _FIX
-            )
-            for pattern, item in body.tolerances.items()
-        ),
-    )
 
 
 def _place(name: str, suffix: str, folder: Path) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from hdbench import __version__
 from hdbench.errors import DataError
 from hdbench.records.jsonfile import read_json, write_json
-from hdbench.regression.case import EXPECTED_SCHEMA, Case, find_cases, read_case
+from hdbench.regression.case import EXPECTED_SCHEMA, Case, find_cases
 from hdbench.regression.changes import Change, compare_results
 from hdbench.regression.evaluation import evaluate_case
 
@@ -124,7 +124,7 @@ def compare_folder(
     cases = []
     for place in places:
         try:
-            cases.append(_run(read_case(place), update))
+            cases.append(_run(Case(place), update))
         except DataError as error:
             if not keep_going:
                 raise
@@ -137,7 +137,7 @@ def _run(case: Case, update: bool) -> CaseReport:
     if not case.expected.is_file() and not update:
         raise DataError(
             "no expected.json; needed: the result to compare with",
-            where=str(case.folder),
+            where=str(case.expected.parent),
             fix="run hdbench regress --update once, look at the result, and keep it",
         )
     before = _expected(case) if case.expected.is_file() else {}

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import re
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
@@ -50,62 +54,22 @@ class Tolerance(Part, kw_only=False, closed=True):
         return max(self.abs, self.rel * abs(expected), by_std)
 
 
-# the first pattern that matches counts; those of a case stand before these
-DEFAULTS = (
-    Tolerance(
-        "*sha256*",
-        "a hash tells that bits moved, as they may between processors; the numbers beside it "
-        "tell by how much",
-        note_only=True,
-    ),
-    Tolerance("*reason", "words for a person, not a result", note_only=True),
-    Tolerance("*detail", "words for a person, not a result", note_only=True),
-    Tolerance("*origin", "words for a person, not a result", note_only=True),
-    Tolerance("torque_scale.source", "words for a person; the gain is compared", note_only=True),
-    Tolerance(
-        "*false_alarm_probability",
-        "a tail probability: a tenth of it decides nothing",
-        abs=1e-12,
-        rel=0.1,
-    ),
-    Tolerance("noise.*", "the noise model is found by iteration to a stopping rule", rel=1e-2),
-    Tolerance(
-        "*process_noise", "taken from the noise model, which is found by iteration", rel=1e-2
-    ),
-    Tolerance(
-        "*.std",
-        "an uncertainty is itself known to some per cent; noise model by iteration",
-        abs=1e-12,
-        rel=1e-2,
-    ),
-    Tolerance("*dof", "effective degrees of freedom rest on the noise model", rel=5e-2),
-    Tolerance(
-        "*suppression_db",
-        "the amplitude that is left is near the noise; a tenth of a decibel is 1 % of it",
-        abs=0.1,
-    ),
-    Tolerance(
-        "*.value",
-        "a fiftieth of its own standard uncertainty: below what any use of it could notice, above "
-        "what another version of a linear-algebra library changes",
-        abs=1e-12,
-        rel=1e-9,
-        sigma=0.02,
-    ),
-    Tolerance(
-        "samples_nm*",
-        "the filter's forms agree to 1e-9 N m: rounding of a recursion with unit-norm rotations",
-        abs=1e-9,
-    ),
-    Tolerance(
-        "*",
-        "double rounding 2.2e-16 amplified by least squares of condition below 1e6",
-        abs=1e-12,
-        rel=1e-8,
-    ),
-)
+def read_tolerances(
+    body: Mapping[str, Mapping[str, object]], where: str, fix: str
+) -> tuple[Tolerance, ...]:
+    """Return the tolerances of a file, in its order."""
+    return tuple(
+        Tolerance.from_json({"pattern": pattern, **item}, f"{where}[{pattern!r}]", fix)
+        for pattern, item in body.items()
+    )
+
+
+@cache
+def _defaults() -> tuple[Tolerance, ...]:
+    file = Path(__file__).with_name("tolerances.toml")
+    return read_tolerances(tomllib.loads(file.read_text(encoding="utf-8")), str(file), "")
 
 
 def tolerance_for(path: str, own: tuple[Tolerance, ...]) -> Tolerance:
-    """Return the tolerance of one quantity."""
-    return next(rule for rule in (*own, *DEFAULTS) if rule.matches(path))
+    """Return the tolerance of one quantity: the first that matches, those of its case first."""
+    return next(rule for rule in (*own, *_defaults()) if rule.matches(path))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.report.pagefiles import ReportFiles
+from hdbench.report.page import ReportFiles
 from hdbench.report.write import write_report
 
 __all__ = ["ReportFiles", "write_report"]

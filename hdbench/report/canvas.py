@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter
 
 from hdbench.records import FloatArray
+from hdbench.report.texts import TEMPLATES
 
 # placeholders that the page's style sheet replaces by its own colours, light or dark
 COLOURS = {
@@ -38,41 +39,7 @@ _WIDTH_IN = 5.6
 _LEAST_SCORE = 1e-2
 # of each of so many stretches of a curve the smallest and the largest value are drawn
 _STRETCHES = 4000
-_STYLE: Any = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "hdbench",
-    "text.parse_math": False,
-    "font.family": "sans-serif",
-    "font.size": 9.5,
-    "axes.titlesize": 9.5,
-    "axes.labelsize": 9.5,
-    "xtick.labelsize": 9.0,
-    "ytick.labelsize": 9.0,
-    "legend.fontsize": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": COLOURS["muted"],
-    "axes.labelcolor": COLOURS["ink"],
-    "axes.titlecolor": COLOURS["ink"],
-    "axes.facecolor": "none",
-    "axes.linewidth": 0.8,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.xmargin": 0.01,
-    "grid.color": COLOURS["grid"],
-    "grid.linewidth": 0.7,
-    "xtick.color": COLOURS["muted"],
-    "ytick.color": COLOURS["muted"],
-    "xtick.labelcolor": COLOURS["ink"],
-    "ytick.labelcolor": COLOURS["ink"],
-    "text.color": COLOURS["ink"],
-    "legend.frameon": False,
-    "figure.facecolor": "none",
-    "lines.linewidth": 1.1,
-    "lines.solid_joinstyle": "round",
-    # whoever zooms sees every point
-    "path.simplify": False,
-}
+_STYLE: Any = mpl.rc_params_from_file(TEMPLATES / "figure.mplstyle", use_default_template=False)
 _FONT = re.compile(r"font: ([\d.]+)px [^;\"]*")
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
 _PATH = re.compile(r' d="([^"]*)"')
@@ -190,9 +157,7 @@ def draw_svg(figure: Figure, name: str, alt: str) -> str:
     text = _FONT.sub(r"font: \1px var(--sans)", text)
     for key, value in COLOURS.items():
         text = text.replace(value, f"var(--{key})")
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r"url\(#", f"url(#{name}-", text)
-    text = re.sub(r'xlink:href="#', f'xlink:href="#{name}-', text)
+    text = re.sub(r'(\bid="|url\(#|xlink:href="#)', rf"\g<1>{name}-", text)
     text = _HEAD.sub(lambda found: _head(found[1], alt), text, count=1).strip()
     return text.removesuffix("</svg>") + _scales(figure, labels) + "</svg>"
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from hdbench.report.canvas import new_figure, score_chart
 from hdbench.report.numbers import DASH, first_up, plain, short, unit_words, with_std
-from hdbench.report.page import render_page
-from hdbench.report.pagefiles import ReportFiles, numbers_csv, page_files, write_page
+from hdbench.report.page import ReportFiles, numbers_csv, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report.texts import summary
 
 _ANSWERS = {
     "within-uncertainty": "Within its uncertainty",
@@ -42,14 +42,14 @@ def write_comparison(body: Mapping[str, Any], out: Path) -> ReportFiles:
             f"{_ANSWERS[body['verdict']]}. {first_up(body['sentence'])}.",
         ),
         tuple(_doubts(body)),
-        _summary(body),
+        summary("comparison", body),
         numbers,
         tuple(_pictures(body)),
         tuple(_tables(body)),
         tuple(_provenance(body)),
     )
     table = numbers_csv((number.quantity, number) for number in numbers)
-    return write_page(files, render_page((section,), files), table, body)
+    return write_page(files, (section,), table, body)
 
 
 def _doubts(body: Mapping[str, Any]) -> Iterator[str]:
@@ -60,24 +60,6 @@ def _doubts(body: Mapping[str, Any]) -> Iterator[str]:
             words.append(f"the run is {one['status']}")
         if words:
             yield f"{side.upper()}: {'; '.join(words)}."
-
-
-def _summary(body: Mapping[str, Any]) -> str:
-    share = 100.0 * body["confidence"]
-    text = (
-        f"B less A, each number against the expanded uncertainty of its difference at {share:g} %. "
-        f"What both have in common does not count as a difference: {body['assumption']}. "
-    )
-    orders = body["orders"]
-    if orders is not None and not orders["same_origin"] and orders["score"] is not None:
-        text += (
-            "The angles of the two runs have no common origin that is known, so the orders of B "
-            f"were turned back by the one angle of {orders['shift_rad']:.4f} rad that brings both "
-            "closest together."
-        )
-    if body["overlay"] is None:
-        text += f" No overlay: {body['overlay_reason']}."
-    return text
 
 
 def _numbers(rows: Sequence[Mapping[str, Any]], source: str) -> Iterator[KeyNumber]:
@@ -190,22 +172,14 @@ def _overlay(curves: Mapping[str, Any], *, dots: bool) -> Picture:
     words = [f"{curves[k]['label']} ({unit_words(curves[k]['unit'])})" for k in ("x", "y")]
     axes.label(words[0], words[1])
     axes.legend_above()
-    spans = [float(np.ptp(np.array(curves[s]["y"]))) for s in ("a", "b")]
-    what = f"{words[1]} over {words[0]}"
-    caption = (
-        f"{first_up(what)} of both: from its lowest to its highest value A spans "
-        f"{short(spans[0])} N·m and B {short(spans[1])} N·m."
-    )
-    alt = f"Two curves, A and B: {what}; A spans {spans[0]:.3g}, B {spans[1]:.3g} newton metres."
-    return Picture.drawn(figure, "overlay", "Both on one pair of axes", caption, alt)
+    curve = f"{words[1]} over {words[0]}"
+    a, b = (float(np.ptp(np.array(curves[side]["y"]))) for side in ("a", "b"))
+    shown = {"shown_a": short(a), "shown_b": short(b), "Curve": first_up(curve)}
+    return Picture.drawn(figure, "overlay", "overlay", curve=curve, a=a, b=b, **shown)
 
 
 def _scores(told: Sequence[Mapping[str, Any]]) -> Picture:
     rows = [(row["label"], float(row["score"]), bool(row["decides"])) for row in told]
     figure = score_chart(rows, "difference over its expanded uncertainty")
-    caption = (
-        "To the right of the dashed line a number has moved by more than its expanded uncertainty. "
-        "Filled: the verdict rests on it. What stands at the left edge differs by 0.01 or less."
-    )
-    alt = "Scores: " + "; ".join(f"{name} {score:.2f}" for name, score, _ in rows)
-    return Picture.drawn(figure, "scores", "What has moved", caption, alt)
+    scores = "; ".join(f"{name} {score:.2f}" for name, score, _ in rows)
+    return Picture.drawn(figure, "scores", "scores", scores=scores)

@@ -23,10 +23,10 @@ from hdbench.records.jsonfile import result_header
 from hdbench.report.canvas import COLOURS, new_figure
 from hdbench.report.keyfigures import KINDS, key_figures
 from hdbench.report.numbers import DASH, MINUS, short, unit_words
-from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import ReportFiles, csv_text, is_page, page_files, write_page
+from hdbench.report.page import ReportFiles, csv_text, is_page, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.source import typed_result
+from hdbench.report.texts import page_text
 
 # chance that a page names any outlier among drives of one kind that scatter normally
 FALSE_ALARM = 0.05
@@ -41,15 +41,6 @@ _LEVELS = {"good": "in order", "look": "look", "bad": "not usable"}
 _MOST_COLUMNS, _MOST_PICTURES = 6, 12
 _CSV_HEAD = ("kind", "drive", "run", "figure", "value", "std", "score", "outlier")
 _SCATTER = 1.4826  # of a normal law: standard deviation over median absolute deviation
-_RULE = (
-    f"A drive is an outlier in a figure when it lies further from the median of all drives than "
-    f"chance explains: the limit, in robust standard deviations ({_SCATTER} times the median "
-    f"absolute deviation), is set by {_DRAWS} simulated fleets of the same size, so that a fleet "
-    f"of normally scattered drives has with {FALSE_ALARM:.0%} probability any outlier in any "
-    "figure of its kind. Figures with a long tail name more. An uncertainty that is larger than "
-    "that of most drives widens the limit for its drive. Of several runs of a drive the newest "
-    "counts."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,10 +218,10 @@ def write_fleet(runs: Sequence[FleetRun], out: Path) -> ReportFiles:
         sections.append(_section(kind, newest, figures, [] if sections else lost, files))
         cells += _cells(kind, newest, figures)
         body[kind] = _as_json(newest, figures)
-    words = PageWords("Fleet", "kinds of results", _RULE)
     header = {**result_header("fleet", None), "false_alarm_probability": FALSE_ALARM}
-    page = render_page(sections, files, words)
-    return write_page(files, page, csv_text(_CSV_HEAD, cells), {**header, "kinds": body})
+    foot = page_text("fleet_foot", scatter=_SCATTER, draws=_DRAWS, chance=FALSE_ALARM)
+    table, words = csv_text(_CSV_HEAD, cells), {"title": "Fleet", "noun": "kinds of results"}
+    return write_page(files, sections, table, {**header, "kinds": body}, foot=foot, **words)
 
 
 def _section(
@@ -385,11 +376,10 @@ def _picture(figure: _Figure, kind: str, number: int) -> Picture:
     far = figure.values[figure.outliers]
     axes.plot(far, np.zeros(far.size), "^", color=COLOURS["filtered"], clip_on=False)
     axes.label(figure.title, "drives")
-    caption = f"{known.size} drives; line: median, dashed: limits" + (
-        f", triangles: {far.size} outliers." if far.size else "."
-    )
-    alt = f"{figure.label}: {caption} Median {short(figure.median, figure.scatter)}."
-    return Picture.drawn(drawing, f"fleet-{kind}-{number}", figure.label, caption, alt)
+    outliers = f", triangles: {far.size} outliers" if far.size else ""
+    median = short(figure.median, figure.scatter)
+    name, numbers = f"fleet-{kind}-{number}", {"drives": known.size, "outliers": outliers}
+    return Picture.drawn(drawing, name, "fleet", label=figure.label, median=median, **numbers)
 
 
 def _cells(

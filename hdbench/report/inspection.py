@@ -76,10 +76,6 @@ def picture(
     words = "Every channel holds noise or signal up to half its rate."
     if limited:
         words = f"Limited below half their rate: {', '.join(limited)}."
-    caption = (
-        "Bars: up to which frequency each channel holds more than rounding, in full colour, of "
-        f"what its rate allows. {words}"
-    )
     if drawn:
         for (name, seen), colour in zip(drawn, _CURVES, strict=False):
             share = np.maximum(seen.density / seen.density.max(), 10.0**-_DECADES)
@@ -88,9 +84,8 @@ def picture(
         axes[1].xaxis.set_major_formatter("{x:g}")
         axes[1].label("frequency (Hz)", "density, decades")
         axes[1].legend_above(2)
-        caption += " Curves: density over the strongest part, lines left out."
-    title = "What the channels can tell"
-    return Picture.drawn(figure, f"{prefix}-bands", title, caption, caption)
+        words += " Curves: density over the strongest part, lines left out."
+    return Picture.drawn(figure, f"{prefix}-bands", "bands", words=words)
 
 
 def _bars(axes: Panel, banded: Sequence[Mapping[str, Any]]) -> None:

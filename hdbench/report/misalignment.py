@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from hdbench.report.extralines import extra_line_tables, with_extra_lines
-from hdbench.report.numbers import short, with_std
+import numpy as np
+
+from hdbench.report.canvas import new_figure
+from hdbench.report.numbers import with_std
 from hdbench.report.pagemodel import KeyNumber, Picture, Table, Verdict
+from hdbench.report.ripple import extra_line_tables, with_extra_lines
+from hdbench.report.signals import Signals, filter_picture, make_signals, steady_stretch
 from hdbench.report.source import Source
 from hdbench.results import MisalignmentResult
 
@@ -25,19 +29,6 @@ def verdict(result: MisalignmentResult) -> Verdict:
     return with_extra_lines(found, result)
 
 
-def summary(result: MisalignmentResult, _source: Source) -> str:
-    """Say in plain words what the run found."""
-    before, after = result.before.peak_to_peak_nm.value, result.after.peak_to_peak_nm.value
-    return (
-        f"The motor turned at {result.motor_velocity_rad_s:.1f} rad/s over "
-        f"{result.output_turns:.2f} output turns and the torque swung once per turn of the output "
-        f"by {with_std(result.peak_to_peak_nm)} N·m from peak to peak. After the filter "
-        f"{short(after, 0.01 * before)} N·m of the {short(before)} N·m are left "
-        f"({100.0 * after / before:.1f} %). The mean torque was "
-        f"{short(result.mean_torque_nm, 0.01)} N·m."
-    )
-
-
 def numbers(result: MisalignmentResult, run_id: str) -> tuple[KeyNumber, ...]:
     """Return amplitude, phase and what the filter leaves."""
     before, after = result.before.peak_to_peak_nm, result.after.peak_to_peak_nm
@@ -56,18 +47,34 @@ def numbers(result: MisalignmentResult, run_id: str) -> tuple[KeyNumber, ...]:
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw the signature and what the filter makes of it."""
-    from hdbench.report.runfigures import filter_picture, signature_picture
-    from hdbench.report.signals import make_signals, steady_stretch
-
     signals = make_signals(source, doubts)
     if signals is None:
         return ()
-    drawn = [signature_picture(signals, source.result, f"{prefix}-signature")]
+    drawn = [_signature(signals, source.result, f"{prefix}-signature")]
     if signals.own is not None and source.profile is not None:
         steady = steady_stretch(signals, source.profile.data.ripple.steady_tolerance)
         name = f"{prefix}-filter"
         drawn.append(filter_picture(signals, signals.own, None, steady, name, figure_number="11"))
     return tuple(picture for picture in drawn if picture is not None)
+
+
+def _signature(signals: Signals, result: MisalignmentResult | None, name: str) -> Picture | None:
+    """Draw the misalignment signature: measured, expected, and the component found."""
+    if signals.motion is None or signals.expected_nm is None or result is None:
+        return None
+    figure, (axes,) = new_figure(1, 3.4)
+    time, angle = signals.time_s, signals.motion.output_angle_rad
+    amplitude, phase = result.amplitude_nm.value, result.phase_rad.value
+    found = np.full(len(time), np.nan)
+    for stretch in result.stretches:
+        cut = signals.during(stretch.from_s, stretch.to_s)
+        found[cut] = stretch.offset_nm.value + amplitude * np.cos(angle[cut] + phase)
+    axes.curve(time, signals.torque_nm, "measured", linewidth=0.6, label="measured")
+    axes.curve(time, signals.expected_nm, "expected", label="expected")
+    axes.curve(time, found, "filtered", linewidth=1.8, label="once per output turn")
+    axes.label("time (s)", "torque (N·m)")
+    axes.legend_above()
+    return Picture.drawn(figure, name, "signature", peak=result.peak_to_peak_nm.value)
 
 
 def tables(result: MisalignmentResult) -> tuple[Table, ...]:

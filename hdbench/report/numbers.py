@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hdbench.records import Quantity
+from hdbench.results import MisalignmentResult, RippleResult
 from hdbench.results.diagnosis import ParameterValue
 
 # units that a name ends in, the longest first: they stand beside the number anyway
@@ -62,10 +63,8 @@ def with_std(quantity: Quantity | ParameterValue | Mapping[str, Any]) -> str:
     return f"{short(value, float(std))} ± {short(float(std), float(std))}"
 
 
-def probability(value: Any) -> str:
+def probability(value: float) -> str:
     """Return a probability in one form, however small."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return DASH
     # what is smaller says no more than that there is an effect: no law of the null holds there
     return "below 1e-9" if value < 1e-9 else f"{value:.1e}"
 
@@ -111,41 +110,43 @@ def declared(value: object) -> str:
     return short(value) if isinstance(value, float) else str(value)
 
 
-def fixed(value: object, digits: int) -> str:
-    """Return a number with so many digits behind the point, a dash for none."""
+def fixed(value: object, digits: int, factor: float = 1.0) -> str:
+    """Return a number times a factor with so many digits behind the point, a dash for none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return DASH
     # a zero has no sign
-    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
+    return f"{round(factor * value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
 
 
 def percent(value: object, digits: int = 3) -> str:
     """Return a share in percent, a dash for none."""
-    return fixed(100.0 * value if isinstance(value, int | float) else None, digits)
+    return fixed(value, digits, 100.0)
 
 
 def ppm(value: object) -> str:
     """Return a share in millionths, a dash for none."""
-    return fixed(1e6 * value if isinstance(value, int | float) else None, 0)
+    return fixed(value, 0, 1e6)
 
 
 def millivolts(value: object) -> str:
     """Return a voltage, V, in millivolts, a dash for none."""
-    return fixed(1e3 * value if isinstance(value, int | float) else None, 2)
+    return fixed(value, 2, 1e3)
+
+
+def two_digits(value: float | None) -> str:
+    """Return an uncertainty with two significant digits, a dash for none."""
+    return short(value, value) if value and math.isfinite(value) else DASH
 
 
 def rounded_with(value: float, expanded: float) -> tuple[str, str]:
     """Return a result and its expanded uncertainty, both to the second digit of the second."""
-    if not (math.isfinite(expanded) and expanded > 0.0):
-        return short(value), DASH
-    digits = 1 - math.floor(math.log10(expanded))
-    places = max(0, digits)
-    shown = f"{round(value, digits):.{places}f}".replace("-", MINUS)
-    return shown, f"{round(expanded, digits):.{places}f}"
+    return short(value, expanded), two_digits(expanded)
 
 
-def two_digits(value: object) -> str:
-    """Return an uncertainty with two significant digits, a dash for none."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
-        return DASH
-    return rounded_with(float(value), float(value))[1]
+def extra_lines(result: MisalignmentResult | RippleResult) -> str:
+    """Return each line and tone beside the known orders with its place and size."""
+    words = [
+        f"{with_std(x.amplitude_nm)} N·m at motor order {short(x.order)}" for x in result.lines
+    ]
+    words += [f"{with_std(x.amplitude_nm)} N·m at {short(x.frequency_hz)} Hz" for x in result.tones]
+    return "; ".join(words)

@@ -1,78 +1,171 @@
-"""The HTML page: template and style filled with sections, all text escaped."""
+"""A page and its three files: HTML, its numbers as CSV, all of it as JSON."""
 
 from __future__ import annotations
 
 import base64
+import csv
 import hashlib
-from collections.abc import Sequence
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-
 from hdbench import __version__
-from hdbench.report.numbers import DASH, short, unit_words
-from hdbench.report.pagefiles import ReportFiles
+from hdbench.errors import DataError, UsageError
+from hdbench.records.jsonfile import write_json
+from hdbench.records.storage import storage_error, write_atomic
+from hdbench.report.numbers import DASH, short
 from hdbench.report.pagemodel import KeyNumber, Section
+from hdbench.report.texts import TEMPLATES, page_text, templates
 
-_TEMPLATES = Path(__file__).parent / "templates"
-_BADGES = {"good": "In order", "look": "Look", "bad": "Not usable"}
-_MARKS = {"good": "✓", "look": "!", "bad": "✕"}
+_NUMBER_HEAD = ("quantity", "value", "std", "dof", "unit", "source")
+# the first bytes of every file that a report makes hold one of these
+_MARKS = {
+    ".html": ("hdbench</title>",),
+    ".htm": ("hdbench</title>",),
+    ".csv": (
+        ",".join(_NUMBER_HEAD),
+        "part,group,torque_nm,name,value,unit",
+        "case,key,what,expected,found,allowed,in_tolerances,regression",
+        "name,series,unit,run,time_utc,value,std",
+        "kind,drive,run,figure,value,std,score,outlier",
+    ),
+    ".json": tuple(
+        f'"schema": "hdbench/{kind}/'
+        for kind in ("report", "comparison", "regression", "trend", "fleet")
+    ),
+}
+# the title stands behind the page's security policy, the schema on the first lines
+_HEAD_BYTES = 4096
 # a head line shows the first numbers of each run: the sections list them all
 _HEADLINES = 3
-_FOOT = (
-    "Uncertainties are standard uncertainties; intervals are at 95 % with the degrees of freedom "
-    "of each number. Figure numbers refer to the technical report CIM-TR-97-06, whose figures "
-    "these follow. Zoomed in, figures show every sample of curves of up to 8 000; longer ones are "
-    "thinned by keeping the smallest and the largest value of each stretch. The raw files hold all."
-)
 
 
 @dataclass(frozen=True, slots=True)
-class PageWords:
-    """Words of a page that are not of its sections.
+class ReportFiles:
+    """Where a report was written.
 
-    `title` is empty for that of the sections; `noun` is what a section is about, in the plural.
+    Parameters
+    ----------
+    html, csv, json : Path
+        The page, its key numbers as a table, and both as data.
     """
 
-    title: str = ""
-    noun: str = "runs"
-    foot: str = _FOOT
+    html: Path
+    csv: Path
+    json: Path
 
 
-def render_page(
-    sections: Sequence[Section], files: ReportFiles, words: PageWords | None = None
-) -> str:
-    """Return the page."""
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+def is_page(path: Path) -> bool:
+    """Return whether a path names a page rather than a folder."""
+    return path.suffix.lower() in (".html", ".htm")
+
+
+def page_files(html: Path, *, option: str = "", example: str = "") -> ReportFiles:
+    """Return the files of a page, with their folder made."""
+    if not is_page(html):
+        raise UsageError(
+            f"{html.name!r} does not end in .html", where=option, fix=f"name it such as {example}"
+        )
+    try:
+        html.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise storage_error(error, html.parent) from error
+    files = ReportFiles(html, html.with_suffix(".csv"), html.with_suffix(".json"))
+    refuse_foreign((files.html, files.csv, files.json))
+    return files
+
+
+def refuse_foreign(files: Iterable[Path]) -> None:
+    """Refuse to write over a file that no report made."""
+    for file in files:
+        if not file.exists():
+            continue
+        if not file.is_file():
+            raise DataError(
+                "not a regular file", where=str(file), fix="name another file with --out"
+            )
+        try:
+            with file.open("rb") as stream:
+                head = stream.read(_HEAD_BYTES).decode("utf-8", errors="replace")
+        except OSError as error:
+            raise storage_error(error, file) from error
+        if head and not any(mark in head for mark in _MARKS.get(file.suffix.lower(), ())):
+            raise UsageError(
+                "the file exists and is no report's; a report writes .html, .csv and .json of "
+                "one name",
+                where=str(file),
+                fix="name another file with --out, or move this one away",
+            )
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def numbers_csv(named: Iterable[tuple[str, KeyNumber]]) -> str:
+    """Return key numbers with their names as CSV, with every digit."""
+    rows = []
+    for name, n in named:
+        std, dof = ("" if x is None else repr(float(x)) for x in (n.std, n.dof))
+        rows.append((name, repr(n.value), std, dof, n.unit, n.source))
+    return csv_text(_NUMBER_HEAD, rows)
+
+
+def write_page(
+    files: ReportFiles,
+    sections: Sequence[Section],
+    table: str,
+    body: Mapping[str, Any],
+    *,
+    title: str = "",
+    noun: str = "runs",
+    foot: str = "",
+) -> ReportFiles:
+    """Write the three files of a page.
+
+    `title` and `foot` stand for what sections of runs have; `noun` is what they are, in the plural.
+    """
+    page = _page(sections, files, title or _title(sections), noun, foot or page_text("foot"))
+    write_atomic(files.html, page.encode("utf-8"))
+    write_atomic(files.csv, table.encode("utf-8"))
+    write_json(files.json, body)
+    return files
+
+
+def _page(sections: Sequence[Section], files: ReportFiles, title: str, noun: str, foot: str) -> str:
+    """Return template and style filled with sections, all text escaped."""
+    from markupsafe import Markup
+
+    environment = templates(autoescape=True)
     # the figures are this package's own SVG, in which every text is escaped
-    environment.filters["figure"] = Markup
-    environment.filters["number"] = _number
-    environment.filters["interval"] = _interval
-    environment.filters["unit"] = unit_words
-    environment.filters["dof"] = _dof
-    words = words or PageWords()
-    style = Markup((_TEMPLATES / "style.css").read_text(encoding="utf-8"))
-    script = (_TEMPLATES / "zoom.js").read_text(encoding="utf-8")
+    environment.filters |= {
+        "figure": Markup,
+        "number": _number,
+        "interval": _interval,
+        "dof": _dof,
+    }
+    style, script = (
+        Markup((TEMPLATES / name).read_text(encoding="utf-8")) for name in ("style.css", "zoom.js")
+    )
     return environment.get_template("report.html.j2").render(
         style=style,
-        script=Markup(script),
-        script_hash=_hash(script),
+        script=script,
+        # what the page's policy names the one script by that it lets run
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         sections=sections,
-        title=words.title or _title(sections),
-        overall=_overall(sections, words.noun),
-        noun=words.noun.capitalize(),
-        foot=words.foot,
-        badges=_BADGES,
-        marks=_MARKS,
+        title=title,
+        overall=_overall(sections, noun),
+        noun=noun.capitalize(),
+        foot=foot,
+        badges={"good": "In order", "look": "Look", "bad": "Not usable"},
+        marks={"good": "✓", "look": "!", "bad": "✕"},
         headlines=_headlines(sections),
         csv=files.csv.name,
         json=files.json.name,
@@ -80,14 +173,9 @@ def render_page(
     )
 
 
-def _hash(script: str) -> str:
-    """Return what the page's policy names the one script that it lets run by."""
-    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-
-
 def _title(sections: Sequence[Section]) -> str:
-    names = list(dict.fromkeys(section.title for section in sections))
-    return names[0] if len(names) == 1 else "Bench report"
+    names = {section.title for section in sections}
+    return names.pop() if len(names) == 1 else "Bench report"
 
 
 def _overall(sections: Sequence[Section], noun: str) -> dict[str, str]:
@@ -95,8 +183,7 @@ def _overall(sections: Sequence[Section], noun: str) -> dict[str, str]:
     worst = next(level for level in ("bad", "look", "good") if level in levels)
     if len(sections) == 1:
         return {"level": worst, "text": sections[0].verdict.text}
-    good = levels.count("good")
-    words = [f"{good} of {len(levels)} {noun} are in order"]
+    words = [f"{levels.count('good')} of {len(levels)} {noun} are in order"]
     if levels.count("look"):
         words.append(f"{levels.count('look')} worth a look")
     if levels.count("bad"):
@@ -104,14 +191,12 @@ def _overall(sections: Sequence[Section], noun: str) -> dict[str, str]:
     return {"level": worst, "text": ", ".join(words) + "."}
 
 
-def _headlines(sections: Sequence[Section]) -> list[tuple[Section, KeyNumber]]:
+def _headlines(sections: Sequence[Section]) -> list[KeyNumber]:
     share = _HEADLINES if len(sections) == 1 else 1 if len(sections) > 3 else 2
-    found: list[tuple[Section, KeyNumber]] = []
+    found: list[KeyNumber] = []
     for section in sections:
-        sure = [n for n in section.numbers if n.std and n.unit.startswith("N m")] or list(
-            section.numbers
-        )
-        found += [(section, n) for n in sure[:share]]
+        sure = [n for n in section.numbers if n.std and n.unit.startswith("N m")]
+        found += (sure or section.numbers)[:share]
     return found
 
 
@@ -121,10 +206,8 @@ def _number(n: KeyNumber) -> str:
 
 
 def _interval(n: KeyNumber) -> str:
-    ends: Any = n.interval()
-    if ends is None:
-        return DASH
-    return f"{short(ends[0], n.std)} to {short(ends[1], n.std)}"
+    ends = n.interval()
+    return DASH if ends is None else f"{short(ends[0], n.std)} to {short(ends[1], n.std)}"
 
 
 def _dof(n: KeyNumber) -> str:

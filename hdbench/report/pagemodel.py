@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from hdbench.records import Quantity
 from hdbench.report.numbers import plain
+from hdbench.report.texts import figure_texts
 from hdbench.results.calibration import ExpandedGain
 from hdbench.results.diagnosis import ParameterValue
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Level = Literal["good", "look", "bad"]
-# head, the entry of a row (its name, or a function of the row), its text where that is not plain
+# head, the entry of a row (its name, such as a.b, or a function of the row), its text where that is
+# not plain
 Column = (
     tuple[str, str | Callable[[Any], object]]
     | tuple[str, str | Callable[[Any], object], Callable[[Any], str]]
@@ -78,19 +80,20 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One figure; `alt` tells it to a person who cannot see it."""
+    """One figure; its SVG carries a text for a person who cannot see it."""
 
     title: str
     caption: str
-    alt: str
     svg: str
 
     @classmethod
-    def drawn(cls, figure: Figure, name: str, title: str, caption: str, alt: str) -> Picture:
-        """Return a figure as inline SVG with unique names that begin with `name`."""
+    def drawn(cls, figure: Figure, name: str, text: str, **numbers: object) -> Picture:
+        """Return a figure as inline SVG with unique names, and with its texts of ``texts.toml``."""
         from hdbench.report.canvas import draw_svg
 
-        return cls(title, caption, alt, draw_svg(figure, name, alt))
+        words = figure_texts(text, numbers)
+        alt = words.get("alt", words["caption"])
+        return cls(words["title"], words["caption"], draw_svg(figure, name, alt))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,11 +133,13 @@ class Table:
 
 
 def _cell(column: Column, item: Any) -> str:
-    entry = column[1]
+    entry, value = column[1], item
     if callable(entry):
         value = entry(item)
     else:
-        value = item[entry] if isinstance(item, Mapping) else getattr(item, entry)
+        for name in entry.split("."):
+            if value is not None:
+                value = value[name] if isinstance(value, Mapping) else getattr(value, name)
     return column[2](value) if len(column) == 3 else plain(value)
 
 

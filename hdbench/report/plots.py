@@ -14,22 +14,12 @@ from matplotlib.figure import Figure
 from hdbench.errors import UsageError
 from hdbench.records import FloatArray, write_atomic
 from hdbench.report.canvas import min_max
+from hdbench.report.texts import TEMPLATES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_STYLE: Any = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "hdbench",
-    "font.size": 9.5,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#dddddd",
-    "legend.frameon": False,
-    "lines.linewidth": 1.1,
-}
+_STYLE: Any = mpl.rc_params_from_file(TEMPLATES / "plot.mplstyle", use_default_template=False)
 
 
 def _figure(rows: int, height_in: float) -> tuple[Figure, list[Axes]]:

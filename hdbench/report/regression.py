@@ -8,15 +8,11 @@ from typing import Any
 
 from hdbench.report.canvas import score_chart
 from hdbench.report.numbers import DASH, MINUS, plain, short
-from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import ReportFiles, csv_text, page_files, write_page
+from hdbench.report.page import ReportFiles, csv_text, page_files, write_page
 from hdbench.report.pagemodel import Column, Picture, Section, Table, Verdict
+from hdbench.report.texts import page_text
 
 _CSV_HEAD = ("case", "key", "what", "expected", "found", "allowed", "in_tolerances", "regression")
-_FOOT = (
-    "A quantity may move by its tolerance; the reason for each tolerance stands beside it. "
-    "Quantities that are new, and those that carry no result, are listed but do not fail the case."
-)
 # rows of one figure that can still be read
 _MOST_ROWS = 30
 # characters of a text that one is compared by; CSV and JSON hold all
@@ -27,7 +23,6 @@ def write_regression(body: Mapping[str, Any], out: Path) -> ReportFiles:
     """Write a comparison with stored results as one offline page, with CSV and JSON beside it."""
     files = page_files(out, option="--report", example="regress.html")
     sections = [_section(case, body, number) for number, case in enumerate(body["cases"], start=1)]
-    words = PageWords("Stored results evaluated again", "cases", _FOOT)
     table = csv_text(
         _CSV_HEAD,
         (
@@ -36,7 +31,8 @@ def write_regression(body: Mapping[str, Any], out: Path) -> ReportFiles:
             for change in case["changes"]
         ),
     )
-    return write_page(files, render_page(sections, files, words), table, body)
+    title, foot = "Stored results evaluated again", page_text("regression_foot")
+    return write_page(files, sections, table, body, title=title, noun="cases", foot=foot)
 
 
 def _section(case: Mapping[str, Any], body: Mapping[str, Any], number: int) -> Section:
@@ -109,7 +105,6 @@ def _picture(changes: Sequence[Mapping[str, Any]], name: str) -> Picture | None:
     shown = sorted(told, key=lambda row: -row[1])[:_MOST_ROWS]
     figure = score_chart(shown, "how far it moved, in tolerances")
     rest = f" The {len(shown)} largest of {len(told)}." if len(told) > len(shown) else ""
-    caption = f"To the right of the dashed line a number is beyond its tolerance.{rest}"
     largest = f"{shown[0][0]} by {shown[0][1]:.3g}"
-    alt = f"{len(shown)} numbers that moved, in tolerances; the largest is {largest}."
-    return Picture.drawn(figure, name, "How far each number moved", caption, alt)
+    numbers = {"count": len(shown), "largest": largest, "rest": rest}
+    return Picture.drawn(figure, name, "changes", **numbers)

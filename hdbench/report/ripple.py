@@ -1,19 +1,27 @@
-"""The ripple section of a report, and that of a trace without a result."""
+"""Ripple in a report: verdict, key numbers, figures, tables; also of a trace without a result."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from hdbench.estimation.spectrum import Spectrum, amplitude_spectrum
 from hdbench.estimation.stretches import SteadyStretch
-from hdbench.report.extralines import extra_line_tables, extra_line_words, with_extra_lines
-from hdbench.report.numbers import short, with_std
+from hdbench.report.canvas import COLOURS, Panel, min_max, new_figure
+from hdbench.report.numbers import extra_lines, probability, short, with_std
 from hdbench.report.pagemodel import KeyNumber, Picture, Table, Verdict
-from hdbench.report.signals import Signals, make_signals, steady_stretch
+from hdbench.report.signals import Signals, filter_picture, make_signals, steady_stretch
 from hdbench.report.source import Source
-from hdbench.results import RippleResult
+from hdbench.results import MisalignmentResult, RippleResult
 from hdbench.results.dynamic import SteadySpectrum
+
+# peaks named in a spectrum: more of them are noise to the eye; the result holds all
+_MOST_PEAKS = 6
+# labels closer than this share of the abscissa would cover each other
+_LABEL_SHARE = 0.14
 
 
 def _suppression(result: RippleResult, order: float) -> float | None:
@@ -35,28 +43,6 @@ def verdict(result: RippleResult) -> Verdict:
     # a filter that leaves more than half of a ripple (6 dB) does not do its work
     passed = bool(parts) and (weakest is None or weakest > 6.0)
     return with_extra_lines(Verdict("good" if passed else "look", words), result)
-
-
-def summary(result: RippleResult, _source: Source) -> str:
-    """Say in plain words what the run found."""
-    speed, rms = result.motor_velocity_rad_s, result.torque_rms_nm
-    text = (
-        f"In free motion at motor speeds from {short(speed.min, 0.1)} to {short(speed.max, 0.1)} "
-        "rad/s "
-    )
-    parts = [
-        f"{with_std(line.amplitude_nm)} N·m at {line.order:g} times motor speed"
-        for line in result.ripple
-    ]
-    text += "the torque ripples by " + " and ".join(parts) + ". " if parts else "nothing ripples. "
-    if rms.measured is not None and rms.filtered is not None:
-        text += (
-            f"The filter brings the torque from {rms.measured:.3f} to {rms.filtered:.3f} N·m rms. "
-        )
-    others = extra_line_words(result)
-    if others:
-        text += f"Beyond the two known orders stand out: {others}. "
-    return text
 
 
 def numbers(result: RippleResult, run_id: str) -> tuple[KeyNumber, ...]:
@@ -82,8 +68,6 @@ def numbers(result: RippleResult, run_id: str) -> tuple[KeyNumber, ...]:
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw torque, velocity, spectrum, and what two filters make of the torque."""
-    from hdbench.report.runfigures import filter_picture, ripple_picture
-
     signals = make_signals(source, doubts)
     if signals is None:
         return ()
@@ -98,7 +82,7 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
         speed = abs(steady.velocity_rad_s)
         known = [(f"{order}x", order * speed) for order in (2, 4)]
         peaks = [(p.name, p.angular_frequency_rad_s) for p in spectrum.peaks] if spectrum else []
-        drawn.append(ripple_picture(signals, steady, peaks or known, f"{prefix}-spectrum"))
+        drawn.append(_spectrum_picture(signals, steady, peaks or known, f"{prefix}-spectrum"))
     cutoff = None if source.profile is None else source.profile.data.filter.butterworth_cutoff_hz
     for filtered, lowpass_hz, part, number in (
         (signals.fourth, cutoff, "fourth", "9"),
@@ -124,6 +108,78 @@ def _stored_stretch(spectrum: SteadySpectrum, signals: Signals) -> SteadyStretch
     )
 
 
+def _spectrum_picture(
+    signals: Signals, steady: SteadyStretch, peaks: Sequence[tuple[str | None, float]], name: str
+) -> Picture:
+    """Draw torque, velocity and the power spectrum of the steady stretch."""
+    part = signals.during(steady.from_s, steady.to_s)
+    step = float(np.median(np.diff(signals.time_s[part])))
+    spectrum = amplitude_spectrum(signals.torque_nm[part], step)
+    figure, (torque, velocity, power) = new_figure(3, 6.2, ratios=(1.0, 0.75, 1.35))
+    velocity.sharex(torque)
+    torque.curve(signals.time_s, signals.torque_nm, "measured", linewidth=0.8)
+    velocity.curve(signals.time_s, signals.velocity_rad_s, "filtered")
+    for axes in (torque, velocity):
+        axes.axvspan(steady.from_s, steady.to_s, color=COLOURS["expected"], alpha=0.16, linewidth=0)
+    torque.label(None, "torque (N·m)", "measured torque; shaded: the steady stretch")
+    velocity.label("time (s)", "motor (rad/s)", "motor velocity")
+    _power(power, spectrum, abs(steady.velocity_rad_s))
+    speed = abs(steady.velocity_rad_s)
+    return Picture.drawn(
+        figure,
+        name,
+        "ripple",
+        start=steady.from_s,
+        end=steady.to_s,
+        velocity=short(steady.velocity_rad_s),
+        speed=speed,
+        peaks=_name_peaks(power, spectrum, speed, peaks),
+    )
+
+
+def _decibel(power: Any) -> Any:
+    # the least power that has a logarithm: an empty bin is drawn far below the floor
+    return 10.0 * np.log10(np.maximum(power, 1e-300))
+
+
+def _power(axes: Panel, spectrum: Spectrum, speed_rad_s: float) -> None:
+    omega = 2.0 * math.pi * spectrum.frequency_hz
+    show = (omega > 0.2 * speed_rad_s) & (omega <= max(6.5 * speed_rad_s, 10.0))
+    x, y = min_max(omega[show], _decibel(spectrum.power_density[show]))
+    axes.curve(x, y, "measured", linewidth=0.9)
+    if len(y):
+        axes.set_ylim(float(np.percentile(y, 5)) - 6.0, float(np.max(y)) + 16.0)
+    title = "power spectrum of the steady stretch"
+    axes.label("angular frequency (rad/s)", "power (dB re 1 (N·m)²/Hz)", title)
+
+
+def _name_peaks(
+    axes: Panel, spectrum: Spectrum, speed_rad_s: float, peaks: Sequence[tuple[str | None, float]]
+) -> str:
+    right, words = axes.get_xlim()[1], []
+    labelled: list[float] = []
+    for name, omega in peaks[:_MOST_PEAKS]:
+        if not 0.2 * speed_rad_s < omega < right:
+            continue
+        at = int(np.argmin(np.abs(2.0 * math.pi * spectrum.frequency_hz - omega)))
+        level = float(_decibel(spectrum.power_density[at]))
+        order = omega / speed_rad_s
+        label = name or f"order {order:.3g}"
+        axes.curve([omega], [level], "expected", "v", markersize=5, zorder=4)
+        words.append(f"{label} at {omega:.0f} rad/s ({order:.3f} times the velocity)")
+        if all(abs(omega - other) > _LABEL_SHARE * right for other in labelled):
+            labelled.append(omega)
+            axes.annotate(
+                f"{label}: {omega:.0f}",
+                (omega, level),
+                xytext=(0, 6),
+                textcoords="offset points",
+                ha="center",
+                color=COLOURS["ink"],
+            )
+    return f"Peaks: {', '.join(words)}." if words else "No peak stands out of the noise."
+
+
 def tables(result: RippleResult) -> tuple[Table, ...]:
     """List the orders, and lines beyond them."""
     ripple = Table.of(
@@ -137,3 +193,29 @@ def tables(result: RippleResult) -> tuple[Table, ...]:
         result.ripple,
     )
     return (ripple, *extra_line_tables(result))
+
+
+def with_extra_lines(verdict: Verdict, result: MisalignmentResult | RippleResult) -> Verdict:
+    """Return a verdict that says when more stands out than was looked for."""
+    words = extra_lines(result)
+    if not words:
+        return verdict
+    level = "look" if verdict.level == "good" else verdict.level
+    return Verdict(level, f"{verdict.text} More stands out ({words}): diagnose this run.")
+
+
+def extra_line_tables(result: MisalignmentResult | RippleResult) -> tuple[Table, ...]:
+    """Return the table of lines and tones; empty where there are none."""
+    return Table.filled(
+        Table.of(
+            "Beyond the known orders",
+            (
+                ("motor order", "order"),
+                ("frequency (Hz)", "frequency_hz"),
+                ("amplitude (N·m)", "amplitude_nm"),
+                ("false-alarm probability", "false_alarm_probability", probability),
+            ),
+            (*result.lines, *result.tones),
+            "Found in the residual of the evaluation and fitted together with the rest.",
+        )
+    )

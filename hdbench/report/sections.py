@@ -18,6 +18,7 @@ from hdbench.report.numbers import plain
 from hdbench.report.pagemodel import Picture, Section, Table, Verdict
 from hdbench.report.signals import filter_model_of
 from hdbench.report.source import Source
+from hdbench.report.texts import summary
 
 _TITLES = {
     "calibration": "Calibration record",
@@ -46,7 +47,7 @@ def make_section(source: Source, number: int, out: Path) -> Section:
     title = _TITLES.get(source.kind, f"File {source.run_id}")
     doubts = list(source.doubts)
     prefix = f"r{number}-" + re.sub(r"[^A-Za-z0-9]+", "-", source.kind)
-    summary, numbers = "", ()
+    words, numbers = "", ()
     if kind is None or not source.result:
         what = f"this {source.kind} run has no" if kind else f"{source.run_id} holds data without a"
         verdict = Verdict("bad" if kind else "look", f"No verdict: {what} result.")
@@ -54,7 +55,7 @@ def make_section(source: Source, number: int, out: Path) -> Section:
     else:
         try:
             verdict = kind.verdict(source.result)
-            summary = kind.summary(source.result, source)
+            words = summary(source.kind, source.result, source.profile)
             numbers = kind.numbers(source.result, source.run_id)
             tables = (*kind.tables(source.result), *_notes(source.stored), *_filter_tables(source))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -72,7 +73,7 @@ def make_section(source: Source, number: int, out: Path) -> Section:
         title,
         verdict,
         tuple(dict.fromkeys(doubts)),
-        summary,
+        words,
         numbers,
         pictures,
         tables,

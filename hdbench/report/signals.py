@@ -1,7 +1,8 @@
-"""The curves of a dynamic run: measured, expected, filtered, low-passed; its steady stretch."""
+"""Curves of a run with motion: measured, expected, filtered, low-passed; its steady stretch."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -14,10 +15,15 @@ from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile import Profile
 from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records import FloatArray, Trace
+from hdbench.report.canvas import Panel, new_figure
+from hdbench.report.pagemodel import Picture
 from hdbench.report.source import Source
+from hdbench.report.texts import page_text
 
 # a motor slower than this share of its top speed stands still or starts
 _MOVING_SHARE = 0.1
+# turns of the wave generator in a close-up: enough to see orders 2 and 4, few enough to tell them
+_ZOOM_TURNS = 4.0
 # a shorter stretch shows neither a scatter nor a spectrum
 _FEWEST_SAMPLES = 64
 
@@ -162,3 +168,72 @@ def steady_stretch(signals: Signals, tolerance: float) -> SteadyStretch | None:
         return None
     speed = float(np.mean(velocity[start:stop]))
     return SteadyStretch(start, stop, float(time[start]), float(time[stop - 1]), speed)
+
+
+def filter_picture(
+    signals: Signals,
+    filtered: Filtered,
+    lowpass_hz: float | None,
+    steady: SteadyStretch | None,
+    name: str,
+    *,
+    figure_number: str,
+) -> Picture:
+    """Draw measured against filtered torque: the whole run and a close-up."""
+    figure, (whole, close) = new_figure(2, 4.8)
+    lowpass = None if lowpass_hz is None else signals.lowpass_nm
+    for axes, cut in ((whole, slice(None)), (close, _close_up(signals, steady))):
+        line, width = (":", 1.1) if axes is close else ("-", 0.7)
+        time, torque, smooth = (
+            v[cut] for v in (signals.time_s, signals.torque_nm, filtered.torque_nm)
+        )
+        axes.curve(time, torque, "measured", line, linewidth=width, label="measured")
+        if lowpass is not None:
+            axes.curve(time, lowpass[cut], "lowpass", "--", label="low-pass")
+        axes.curve(time, smooth, "filtered", label="Kalman filtered")
+        _limits(axes, torque, smooth)
+    whole.label(None, "torque (N·m)")
+    whole.legend_above()
+    close.label("time (s)", "torque (N·m)", "close-up")
+    rms = [_spread(signals, torque, steady) for torque in (signals.torque_nm, filtered.torque_nm)]
+    orders = ", ".join(f"{block.order:g}" for block in filtered.model.blocks)
+    smoothed = "" if lowpass is None else " " + page_text("lowpass", cutoff_hz=lowpass_hz)
+    return Picture.drawn(
+        figure,
+        name,
+        "filter",
+        number=figure_number,
+        model=filtered.model.name,
+        how="computed while the run was sampled" if filtered.online else "computed from the trace",
+        orders=orders,
+        where="In the steady stretch" if steady is not None else "Over the whole run",
+        measured=rms[0],
+        filtered=rms[1],
+        lowpass=smoothed,
+    )
+
+
+def _close_up(signals: Signals, steady: SteadyStretch | None) -> slice:
+    if steady is None:
+        first, last = float(signals.time_s[0]), float(signals.time_s[-1])
+        middle = 0.5 * (first + last)
+        return signals.during(middle, middle + 0.05 * (last - first))
+    turn_s = 2.0 * math.pi / max(abs(steady.velocity_rad_s), 1e-9)
+    middle = 0.5 * (steady.from_s + steady.to_s)
+    return signals.during(middle, min(middle + _ZOOM_TURNS * turn_s, steady.to_s))
+
+
+def _limits(axes: Panel, torque: FloatArray, filtered: FloatArray) -> None:
+    """Hold all of the measured torque and 98 % of the filtered: its start may leave the frame."""
+    present, settled = torque[np.isfinite(torque)], filtered[np.isfinite(filtered)]
+    if len(settled):
+        present = np.concatenate([present, np.percentile(settled, [1.0, 99.0])])
+    if len(present):
+        low, high = float(present.min()), float(present.max())
+        margin = 0.1 * (high - low) or 1.0
+        axes.set_ylim(low - margin, high + margin)
+
+
+def _spread(signals: Signals, torque: FloatArray, steady: SteadyStretch | None) -> float:
+    part = torque if steady is None else torque[signals.during(steady.from_s, steady.to_s)]
+    return float(np.nanstd(part)) if np.isfinite(part).any() else 0.0

@@ -13,9 +13,9 @@ import numpy as np
 from hdbench.records import FloatArray
 from hdbench.report.canvas import COLOURS, Panel, new_figure
 from hdbench.report.numbers import short, unit_words
-from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import ReportFiles, page_files, write_page
+from hdbench.report.page import ReportFiles, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report.texts import page_text, summary
 
 _DATES: Any = matplotlib.dates  # has no types
 _CHARTS = {
@@ -39,23 +39,10 @@ def write_trend(body: Mapping[str, Any], table: str, out: Path) -> ReportFiles:
     if not sections or body["remarks"] or body["left_out"]:
         sections.append(_left_out(body, empty=not sections))
     title = f"{body['label'][0].upper()}{body['label'][1:]} over runs"
-    words = PageWords(title, "histories", _foot(body))
-    return write_page(files, render_page(sections, files, words), table, body)
-
-
-def _foot(body: Mapping[str, Any]) -> str:
-    p = body["false_alarm_probability"]
-    return (
-        f"False alarms: a stable history shows any signal, on any of its four charts, with "
-        f"probability {p:g} at one look, if its runs scatter independently and normally. The "
-        f"limits are found by drawing stable histories of as many runs with the same "
-        f"uncertainties; center and scatter are estimated from each as from the runs. Of "
-        f"{len(body['groups'])} stable histories {p * len(body['groups']):.3g} are expected to "
-        f"show one, and more where one looks again after every run. The moving average (EWMA) "
-        f"weighs the newest run by {body['ewma_weight']:g}. The probability of a step is that of a "
-        f"step anywhere in the history, with even odds before the data. A month has 30.44 days. "
-        f"Uncertainties are standard uncertainties; intervals are at 95 %."
-    )
+    chance, count = body["false_alarm_probability"], len(body["groups"])
+    numbers = {"chance": chance, "count": count, "expected": chance * count}
+    foot = page_text("trend_foot", weight=body["ewma_weight"], **numbers)
+    return write_page(files, sections, table, body, title=title, noun="histories", foot=foot)
 
 
 def _title(group: Group) -> str:
@@ -69,7 +56,7 @@ def _section(group: Group, body: Mapping[str, Any], number: int) -> Section:
         _title(group),
         _verdict(group),
         tuple(_doubts(group)),
-        _summary(group),
+        summary("trend", group),
         tuple(_numbers(group)),
         (_picture(group, body, number),),
         _tables(group),
@@ -94,31 +81,6 @@ def _doubts(group: Group) -> Iterator[str]:
     unsure = sum(point["std"] is None for point in group["points"])
     if unsure:
         yield f"{unsure} runs have no uncertainty of their own: it is taken as 0."
-
-
-def _summary(group: Group) -> str:
-    unit = unit_words(group["unit"])
-    words = []
-    for change in group["change_points"]:
-        step, size = change["step"], change["step"]["value"]
-        after = f", after: {'; '.join(change['marks'])}" if change["marks"] else ""
-        words.append(
-            f"At {change['run']} the level steps {'up' if size > 0 else 'down'} by "
-            f"{short(abs(size), step['std'])} ± {short(step['std'], step['std'])} {unit} "
-            f"(probability {_chance(change['probability'])}; first run after it between "
-            f"{change['earliest_run']} and {change['latest_run']}){after}."
-        )
-    drift = group["drift_per_month"]
-    if drift is not None and drift["interval"][0] * drift["interval"][1] > 0.0:
-        words.append(
-            f"It drifts by {short(drift['value'], drift['std'])} ± "
-            f"{short(drift['std'], drift['std'])} {unit} a month."
-        )
-    return " ".join(words)
-
-
-def _chance(probability: float) -> str:
-    return f"{probability:.2g}" if probability < 0.995 else "above 0.99"
 
 
 def _numbers(group: Group) -> Iterator[KeyNumber]:
@@ -170,10 +132,7 @@ def _tables(group: Group) -> tuple[Table, ...]:
         ),
         ("std", std),
     )
-    note = (
-        "Statistic and limit: stds of the run (individuals, EWMA), expected ranges (moving "
-        "range), log-odds (step)."
-    )
+    note = page_text("signal_note")
     many = len(group["signals"]) > _LONG
     return Table.filled(
         Table.of("Signals", signals, group["signals"], note, wide=True, folded=many),
@@ -200,17 +159,21 @@ def _picture(group: Group, body: Mapping[str, Any], number: int) -> Picture:
     place = _DATES.AutoDateLocator(minticks=3, maxticks=6)
     axes[-1].xaxis.set_major_locator(place)
     axes[-1].xaxis.set_major_formatter(_DATES.ConciseDateFormatter(place))
-    caption = "Each run with its own standard uncertainty."
-    if charted:
-        caption += (
-            " Dashed: limits. Rings: signals. Dotted: where the level steps. Thin lines: what "
-            "people noted."
-        )
-    alt = (
-        f"{body['label']} of {_title(group)} over {len(group['points'])} runs, "
-        f"{len(group['signals'])} signals, {len(group['change_points'])} steps."
+    marks = (
+        " Dashed: limits. Rings: signals. Dotted: where the level steps. Thin lines: what people "
+        "noted."
     )
-    return Picture.drawn(figure, f"trend-{number}", "Run by run", caption, alt)
+    counts = {"signals": len(group["signals"]), "steps": len(group["change_points"])}
+    return Picture.drawn(
+        figure,
+        f"trend-{number}",
+        "trend",
+        label=body["label"],
+        title=_title(group),
+        runs=len(group["points"]),
+        marks=marks if charted else "",
+        **counts,
+    )
 
 
 def _days(utc: str) -> float:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from hdbench.errors import UsageError
 from hdbench.records.jsonfile import result_header
 from hdbench.records.storage import write_atomic
-from hdbench.report.pagefiles import (
+from hdbench.report.page import (
     ReportFiles,
     is_page,
     numbers_csv,
@@ -60,7 +60,6 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
     if not runs:
         raise UsageError("no run named", where="report", fix="name at least one run folder or file")
     from hdbench.report.calibration.spreadsheet import record_csv
-    from hdbench.report.page import render_page
     from hdbench.report.sections import make_section
     from hdbench.report.source import load_source
 
@@ -78,7 +77,7 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
             write_atomic(record, record_csv(source.result).encode("utf-8"))
     named = ((f"{s.kind}.{n.quantity}", n) for s in sections for n in s.numbers)
     table = numbers_csv(named)
-    return write_page(files, render_page(sections, files), table, _as_json(sections, profile))
+    return write_page(files, sections, table, _as_json(sections, profile))
 
 
 def _as_json(sections: Sequence[Section], profile: Profile | None) -> dict[str, Any]:

@@ -27,6 +27,13 @@ def store(path: Path, kind: str, **body: Any) -> Path:
     return path
 
 
+def both(folder: Path, kind: str, first: dict[str, Any], second: dict[str, Any]) -> list[Path]:
+    """Write two result files."""
+    return [
+        store(folder / f"{name}.json", kind, **body) for name, body in (("a", first), ("b", second))
+    ]
+
+
 def q(value: float, std: float, dof: float | None = None) -> dict[str, float | None]:
     return {"value": value, "std": std, "dof": dof}
 
@@ -140,10 +147,10 @@ def test_the_same_certificate_correlates_and_another_does_not(tmp_path):
     b = drawn(rng, tmp_path, "b.json", 0.0, budget=[row("K1")])
     c = drawn(rng, tmp_path, "c.json", 0.0, budget=[row("K2")])
     same, other = compare_runs(a, b), compare_runs(a, c)
-    assert same.quantities[0].correlation > 0.1
-    assert "mass" in same.assumption
-    assert other.quantities[0].correlation == 0.0
-    assert compare_runs(a, b, independent=True).quantities[0].correlation == 0.0
+    assert same.outcome.quantities[0].correlation > 0.1
+    assert "mass" in same.outcome.assumption
+    assert other.outcome.quantities[0].correlation == 0.0
+    assert compare_runs(a, b, independent=True).outcome.quantities[0].correlation == 0.0
 
 
 def test_what_a_position_does_every_time_cancels(tmp_path):
@@ -152,10 +159,9 @@ def test_what_a_position_does_every_time_cancels(tmp_path):
     after = {
         at: 1.005 * g + e for (at, g), e in zip(spread.items(), (2e-3, -2e-3) * 2, strict=True)
     }
-    a = store(tmp_path / "a.json", "calibration", **calibration(spread, 0.09))
-    b = store(tmp_path / "b.json", "calibration", **calibration(after, 0.09))
-    found = compare_runs(a, b)
-    plain, paired = found.quantities[:2]
+    sides = calibration(spread, 0.09), calibration(after, 0.09)
+    found = compare_runs(*both(tmp_path, "calibration", *sides))
+    plain, paired = found.outcome.quantities[:2]
     assert plain.moved is False
     assert paired.moved is True
     assert found.verdict == "moved"
@@ -168,23 +174,19 @@ def test_what_a_position_does_every_time_cancels(tmp_path):
 
 def test_half_a_turn_written_with_four_digits_is_the_same_position(tmp_path):
     places = (0.0, math.pi / 2.0, math.pi, 1.5 * math.pi)
-    sides = []
-    for name, angles in (("a", places), ("b", [round(at, 4) for at in places])):
-        gains = {at: 6.6 + 0.01 * k + 1e-4 * k**2 * (name == "b") for k, at in enumerate(angles)}
-        sides.append(store(tmp_path / f"{name}.json", "calibration", **calibration(gains, 0.01)))
-    found = compare_runs(*sides)
-    assert "4 positions" in found.quantities[1].label
+    sides = [
+        calibration({at: 6.6 + 0.01 * k + bend * k**2 for k, at in enumerate(angles)}, 0.01)
+        for angles, bend in ((places, 0.0), ([round(at, 4) for at in places], 1e-4))
+    ]
+    found = compare_runs(*both(tmp_path, "calibration", *sides))
+    assert "4 positions" in found.outcome.quantities[1].label
 
 
 def test_positions_that_differ_leave_the_means_to_decide(tmp_path):
-    a = store(
-        tmp_path / "a.json", "calibration", **calibration({0.0: 6.6, 2.0: 6.6, 4.0: 6.61}, 0.01)
-    )
-    b = store(
-        tmp_path / "b.json", "calibration", **calibration({1.0: 6.9, 3.0: 6.9, 5.0: 6.91}, 0.01)
-    )
-    found = compare_runs(a, b)
-    assert [x.name for x in found.quantities if x.decides] == ["gain_nm_per_v"]
+    first = calibration({0.0: 6.6, 2.0: 6.6, 4.0: 6.61}, 0.01)
+    second = calibration({1.0: 6.9, 3.0: 6.9, 5.0: 6.91}, 0.01)
+    found = compare_runs(*both(tmp_path, "calibration", first, second))
+    assert [x.name for x in found.outcome.quantities if x.decides] == ["gain_nm_per_v"]
     assert found.verdict == "moved"
 
 
@@ -210,11 +212,10 @@ def misalignment(amplitude: float, phase: float = 0.3, **more: Any) -> dict[str,
 
 def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path):
     # the report, section 5: 10 N m peak to peak before, less than 2 N m after
-    a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
-    b = store(tmp_path / "b.json", "misalignment", **misalignment(0.9, phase=-1.0))
-    found = compare_runs(a, b)
+    sides = misalignment(5.0), misalignment(0.9, phase=-1.0)
+    found = compare_runs(*both(tmp_path, "misalignment", *sides))
     assert found.verdict == "moved"
-    first = found.quantities[0]
+    first = found.outcome.quantities[0]
     assert first.difference.value == pytest.approx(-8.2)
     # one gain: its error goes with the difference only, beside the noise of both
     expected = math.hypot(0.008, 0.008, 8.2 * 0.08 / 6.6)
@@ -223,22 +224,19 @@ def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path):
 
 
 def test_another_gain_in_each_is_independent(tmp_path):
-    a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
     other = misalignment(5.0, torque_scale=scale(source="calibration S"))
-    b = store(tmp_path / "b.json", "misalignment", **other)
-    found = compare_runs(a, b)
-    assert found.quantities[0].correlation == 0.0
-    assert "two gains" in found.assumption
+    found = compare_runs(*both(tmp_path, "misalignment", misalignment(5.0), other))
+    assert found.outcome.quantities[0].correlation == 0.0
+    assert "two gains" in found.outcome.assumption
     assert found.verdict == "within-uncertainty"
 
 
 def test_a_turned_misalignment_counts_only_with_one_origin(tmp_path):
-    a = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
-    b = store(tmp_path / "b.json", "misalignment", **misalignment(1.0, phase=1.3))
+    a, b = both(tmp_path, "misalignment", misalignment(1.0), misalignment(1.0, phase=1.3))
     assert compare_runs(a, b).verdict == "within-uncertainty"
     told = compare_runs(a, b, same_origin=True)
     assert told.moved == ("order vectors",)
-    length = told.pattern.to_dict()["orders"][0]["difference"]["amplitude_nm"]["value"]
+    length = told.outcome.pattern.to_dict()["orders"][0]["difference"]["amplitude_nm"]["value"]
     assert length == pytest.approx(2.0 * math.sin(0.5))
 
 
@@ -322,9 +320,8 @@ def ripple(*orders: tuple[float, float, float]) -> dict[str, Any]:
 
 
 def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path):
-    a = store(tmp_path / "a.json", "ripple", **ripple((2.0, 0.4, 0.1), (4.0, 0.2, 1.0)))
-    b = store(tmp_path / "b.json", "ripple", **ripple((2.0, 0.5, 0.1)))
-    found = compare_runs(a, b)
+    sides = ripple((2.0, 0.4, 0.1), (4.0, 0.2, 1.0)), ripple((2.0, 0.5, 0.1))
+    found = compare_runs(*both(tmp_path, "ripple", *sides))
     assert found.moved == ("ripple[order=2].amplitude_nm", "only in A: order 4")
     body = found.to_dict()
     dumps(body)
@@ -341,9 +338,8 @@ def test_a_new_cause_and_a_grown_one_are_named(tmp_path, named_cause):
         return named_cause(name, {"amplitude_nm": size, "step_time_s": place})
 
     one, two = [cause("mains-hum", 0.1)], [cause("mains-hum", 0.2), cause("zero-step", 1.0)]
-    a, b = (
-        store(tmp_path / f"{name}.json", "diagnosis", verdict="named", causes=causes)
-        for name, causes in (("a", one), ("b", two))
+    a, b = both(
+        tmp_path, "diagnosis", *({"verdict": "named", "causes": causes} for causes in (one, two))
     )
     found = compare_runs(a, b)
     assert found.moved == ("mains-hum.amplitude_nm", "only in B: zero-step")
@@ -391,9 +387,7 @@ def test_other_files_and_a_wrong_confidence_are_refused(tmp_path):
 
 
 def test_the_csv_holds_the_numbers_of_the_json(tmp_path):
-    a = store(tmp_path / "a.json", "misalignment", **misalignment(5.0))
-    b = store(tmp_path / "b.json", "misalignment", **misalignment(0.9))
-    found = compare_runs(a, b)
+    found = compare_runs(*both(tmp_path, "misalignment", misalignment(5.0), misalignment(0.9)))
     lines = comparison_csv(found).splitlines()
     cells = dict(zip(lines[0].split(","), lines[1].split(","), strict=True))
     body = found.to_dict()["quantities"][0]

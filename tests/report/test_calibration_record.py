@@ -15,7 +15,6 @@ from hdbench.records import Loads
 from hdbench.records.jsonfile import result_header, write_json
 from hdbench.report import write_report
 from hdbench.report.calibration.section import pictures
-from hdbench.report.numbers import rounded_with
 from hdbench.report.source import Source
 
 DECLARED = """
@@ -54,22 +53,19 @@ def test_the_record_is_titled_and_unaccredited(record):
     assert "certificate of calibration" not in page.lower()
 
 
-@pytest.mark.parametrize(
-    "title",
-    [
+def test_the_record_holds_every_table_and_figure(record):
+    page, _ = record
+    step = "Evaluation step by step:"
+    titles = {
         "What was calibrated", "Standards", "Gain and its uncertainty", "Consistency and spread",
         "Equation both ways", "Indicative class, in the manner of EURAMET cg-14", "Acceptance",
         "Uncertainty budget of the gain", "Applied torque, correction by correction",
-        "Experiments, by the report&#39;s method",
-        "Evaluation step by step: clockwise, full range",
-        "Evaluation step by step: anticlockwise, full range", "Environment", "Warnings",
-        "Readings", "Signatures", "Deviation from the line, full range", "Hysteresis and zero",
-        "Gain of each experiment", "Budget", "Course of the calibration",
-    ],
-)  # fmt: skip
-def test_the_record_holds_every_table_and_figure(record, title):
-    page, _ = record
-    assert f'<p class="figtitle">{title}</p>' in page
+        "Experiments, by the report&#39;s method", f"{step} clockwise, full range",
+        f"{step} anticlockwise, full range", "Environment", "Warnings", "Readings", "Signatures",
+        "Deviation from the line, full range", "Hysteresis and zero", "Gain of each experiment",
+        "Budget", "Course of the calibration",
+    }  # fmt: skip
+    assert titles <= set(re.findall(r'<p class="figtitle">([^<]*)</p>', page))
 
 
 def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record):
@@ -111,19 +107,6 @@ def test_the_table_holds_one_number_in_a_row(record):
     assert all(float(r["value"]) > 0.0 and r["unit"] == "V" for r in deflections)
     undeclared = [r for r in rows if r["part"] == "budget" and r["value"] == "not declared"]
     assert "local gravity" in {r["name"] for r in undeclared}
-
-
-@pytest.mark.parametrize(
-    ("value", "expanded", "shown"),
-    [
-        (6.59832, 0.0489, ("6.598", "0.049")),
-        (6.6, 0.224563, ("6.60", "0.22")),
-        (123456.7, 1234.0, ("123500", "1200")),
-        (6.6, 0.0, ("6.6", "\N{EN DASH}")),
-    ],
-)
-def test_a_result_is_rounded_to_the_second_digit_of_its_uncertainty(value, expanded, shown):
-    assert rounded_with(value, expanded) == shown
 
 
 def test_preloads_and_shunt_readings_are_not_drawn_as_readings():

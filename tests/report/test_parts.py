@@ -42,6 +42,8 @@ def test_lost_samples_break_the_line():
         (0.0996, 0.00996, "0.0996"),
         (2.0, None, "2"),
         (0.0001234567, None, "0.0001235"),
+        (6.6, 0.224563, "6.60"),
+        (6.6, 0.0, "6.6"),
     ],
 )
 def test_a_number_has_the_digits_that_its_uncertainty_allows(value, std, text):

@@ -75,13 +75,21 @@ def test_a_case_that_passed_and_one_that_is_broken_are_told_as_such(body, words,
     assert "default-src 'none'" in page
 
 
-def test_a_page_is_written_over_an_earlier_one_and_over_nothing_else(tmp_path):
-    target = tmp_path / "r.html"
-    write_regression(_body(_change("x")), target)
-    write_regression(_body(), target)
-    (tmp_path / "mine.csv").write_text("my,own,numbers\n")
-    with pytest.raises(UsageError, match="no report's"):
-        write_regression(_body(), tmp_path / "mine.html")
-    assert (tmp_path / "mine.csv").read_text() == "my,own,numbers\n"
+def test_a_page_is_written_again_over_itself_and_over_an_empty_file(tmp_path):
+    (tmp_path / "r.csv").touch()
+    pages = [write_regression(_body(_change("x")), tmp_path / "r.html").html.read_bytes()]
+    pages.append(write_regression(_body(_change("x")), tmp_path / "r.html").html.read_bytes())
+    assert pages[0] == pages[1]
     with pytest.raises(UsageError, match=r"\.html"):
         write_regression(_body(), tmp_path / "r.txt")
+
+
+@pytest.mark.parametrize("ending", [".csv", ".json", ".html"])
+def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path, ending):
+    mine = tmp_path / f"r{ending}"
+    mine.write_text("time_s,torque_nm\n0,1\n")
+    with pytest.raises(UsageError, match="no report's") as caught:
+        write_regression(_body(), tmp_path / "r.html")
+    assert caught.value.where == str(mine)
+    assert mine.read_text() == "time_s,torque_nm\n0,1\n"
+    assert list(tmp_path.iterdir()) == [mine]

@@ -21,21 +21,10 @@ TYPES = {
     "ripple": RippleResult,
 }
 UNIT_OF_END = {
-    "_nm": "N m",
-    "_rad": "rad",
-    "_rad_s": "rad/s",
-    "_db": "dB",
-    "_nm_per_v": "N m/V",
-    "_v_per_nm": "V/(N m)",
-    "_v_nm": "V N m",
-    "_v": "V",
-    "_s": "s",
-    "_hz": "Hz",
-    "_kg_m3": "kg/m^3",
-    "_m_s2": "m/s^2",
-    "_nm_per_rad": "N m/rad",
-    "_v_s": "V/s",
-}
+    "_nm": "N m", "_rad": "rad", "_rad_s": "rad/s", "_db": "dB", "_nm_per_v": "N m/V",
+    "_v_per_nm": "V/(N m)", "_v_nm": "V N m", "_v": "V", "_s": "s", "_hz": "Hz",
+    "_kg_m3": "kg/m^3", "_m_s2": "m/s^2", "_nm_per_rad": "N m/rad", "_v_s": "V/s",
+}  # fmt: skip
 # tables whose entries stand under names of their own
 FREE = {"hysteresis": "ID", "steps[].increasing.parts": "ID"}
 FREE["steps[].increasing_decreasing.parts"] = "ID"

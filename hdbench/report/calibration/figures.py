@@ -112,17 +112,8 @@ def _deviations(result: CalibrationResult, range_name: str, prefix: str) -> Pict
     axes.label("applied torque (N·m), clockwise positive", "off the line (% of largest)")
     axes.legend_above(4)
     limits = f" Dotted: limits of the line's deviation in class {grade:g}." if grade else ""
-    caption = (
-        f"Deflection less the line through zero of its direction, {range_name} range, in percent "
-        "of the largest deflection. Filled: loading. Open: unloading. One colour and mark for each "
-        "position. Band: expanded uncertainty of a step about the line." + limits
-    )
-    alt = (
-        f"Deviation of calibration readings from a straight line against torque, {range_name} "
-        f"range; the largest is {largest:.2f} percent of the largest deflection."
-    )
-    title = f"Deviation from the line, {range_name} range"
-    return Picture.drawn(figure, f"{prefix}-deviation-{range_name}", title, caption, alt)
+    name, numbers = f"{prefix}-deviation-{range_name}", {"largest": largest, "limits": limits}
+    return Picture.drawn(figure, name, "deviation", range=range_name, **numbers)
 
 
 def _uncertainty_band(axes: Any, result: CalibrationResult, group: LoadGroup) -> None:
@@ -178,20 +169,18 @@ def _range(
     bottom.label("applied torque (N·m)", "off its line (mN·m)")
     largest = float(np.max(np.abs(off)))
     share = 1e-3 * largest / float(np.max(np.abs(torque))) if np.any(torque) else 0.0
-    caption = (
-        f"{len(readings)} readings of {len(fits)} {words} experiments against the applied torque, "
-        f"with their mean line of {gain:.3f} N·m/V. Below: how far each reading stands off the "
-        f"line of its own experiment; the largest distance is {largest:.1f} mN·m, "
-        f"{100 * share:.2f} % of the largest torque. Filled: loading. Open: unloading; a gap "
-        "between the two is hysteresis."
+    return Picture.drawn(
+        figure,
+        name,
+        "range",
+        range=words,
+        number=number,
+        readings=len(readings),
+        lines=len(fits),
+        gain=gain,
+        largest=largest,
+        share=100 * share,
     )
-    alt = (
-        f"Scatter of applied torque over bridge voltage for {words} loading with a straight line "
-        f"of slope {gain:.3f} newton metres per volt; deviations stay within {largest:.1f} "
-        "millinewton metres."
-    )
-    title = f"Calibration, {words} loading (after figure {number})"
-    return Picture.drawn(figure, name, title, caption, alt)
 
 
 def _hysteresis(result: CalibrationResult, prefix: str) -> Picture | None:
@@ -217,18 +206,8 @@ def _hysteresis(result: CalibrationResult, prefix: str) -> Picture | None:
     axes.set_ylim(bottom=0.0)
     axes.legend_above(4)
     worst = max((loop.relative for loop in result.hysteresis.values()), default=0.0)
-    caption = (
-        "Size of the difference between unloading and loading at each step of the "
-        f"{groups[0].range} range, and at 0 N·m that of "
-        "the zeros before and after (f0). A lens that is 0 at the largest torque is the "
-        "material's; a constant part is friction. Largest at equal torque: "
-        f"{100 * worst:.2f} % of the largest."
-    )
-    alt = (
-        "Difference between unloading and loading against torque for each series; the largest is "
-        f"{100 * worst:.2f} percent of the largest torque."
-    )
-    return Picture.drawn(figure, f"{prefix}-hysteresis", "Hysteresis and zero", caption, alt)
+    numbers = {"range": groups[0].range, "worst": 100 * worst}
+    return Picture.drawn(figure, f"{prefix}-hysteresis", "hysteresis", **numbers)
 
 
 def _gains(result: CalibrationResult, prefix: str) -> Picture | None:
@@ -256,14 +235,8 @@ def _gains(result: CalibrationResult, prefix: str) -> Picture | None:
     axes.set_yticks(range(len(lines)), names)
     axes.invert_yaxis()
     axes.label("gain (N·m/V)", "")
-    caption = (
-        "Gain of each experiment with two standard uncertainties of its own line. Line: their mean "
-        f"of {mean:.4f} N·m/V; band: their standard deviation about it, "
-        f"{100 * result.consistency:.2f} %. Bars far shorter than the scatter say that "
-        "the position, not the fit, decides. Filled: clockwise."
-    )
-    alt = f"Gains of {len(lines)} experiments by position around their mean of {mean:.3f}."
-    return Picture.drawn(figure, f"{prefix}-gains", "Gain of each experiment", caption, alt)
+    numbers = {"count": len(lines), "mean": mean, "consistency": 100 * result.consistency}
+    return Picture.drawn(figure, f"{prefix}-gains", "gains", **numbers)
 
 
 def _budget(result: CalibrationResult, prefix: str) -> Picture | None:
@@ -283,13 +256,9 @@ def _budget(result: CalibrationResult, prefix: str) -> Picture | None:
     axes.set_xlim(left=min(0.5, 0.5 * min(sizes)))
     axes.invert_yaxis()
     axes.label("relative standard uncertainty of the gain (ppm)", "")
-    caption = (
-        "Standard uncertainties of the gain by source, logarithmic. "
-        f"{rows[0].name.capitalize()} is {100 * (rows[0].share or 0.0):.0f} % of the variance. "
-        "What is not declared is not drawn."
-    )
-    alt = f"Bars of relative standard uncertainties; the largest is {rows[0].name}."
-    return Picture.drawn(figure, f"{prefix}-budget", "Budget", caption, alt)
+    first, share = rows[0].name, 100 * (rows[0].share or 0.0)
+    words = {"first": first, "First": first.capitalize(), "share": share}
+    return Picture.drawn(figure, f"{prefix}-budget", "budget", **words)
 
 
 def _sequence(result: CalibrationResult, prefix: str) -> Picture | None:
@@ -314,14 +283,9 @@ def _sequence(result: CalibrationResult, prefix: str) -> Picture | None:
             axes.curve(time[at], torque[at], colour, mark, markersize=size, label=label)
     axes.label("time (min)", "applied torque (N·m)")
     axes.legend_above(4)
-    n_preloads = int(((kinds == "preload") & (torque != 0.0)).sum())
-    minutes = f"{time.max() - time.min():.0f}"
-    caption = (
-        f"Applied torque in the order of the run: {len(told)} loads, {n_preloads} of them "
-        f"preloads, over {minutes} min."
-    )
-    alt = f"Applied torque against time over {minutes} minutes."
-    return Picture.drawn(figure, f"{prefix}-course", "Course of the calibration", caption, alt)
+    preloads, minutes = int(((kinds == "preload") & (torque != 0.0)).sum()), time.max() - time.min()
+    numbers = {"loads": len(told), "preloads": preloads, "minutes": minutes}
+    return Picture.drawn(figure, f"{prefix}-course", "course", **numbers)
 
 
 def _top_drift(result: CalibrationResult, prefix: str) -> Picture | None:
@@ -349,15 +313,9 @@ def _top_drift(result: CalibrationResult, prefix: str) -> Picture | None:
     axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.8)
     axes.label("time (min)", "drift at the top step (mN·m/min)")
     worst = max(abs(drift) for _, _, drift in chosen)
-    caption = (
-        "How fast the reading still moved while it was averaged under the largest load: creep and "
-        f"settling. Largest: {worst:.2f} mN·m per minute. One colour and mark for each position."
-    )
-    alt = f"Drift under the largest load against time; the largest is {worst:.2f} mN m per minute."
-    if result.average_s:
-        caption += " Bars: two standard uncertainties of white noise over the average."
-    title = "Creep: drift of the readings at the top step"
-    return Picture.drawn(figure, f"{prefix}-top", title, caption, alt)
+    bars = " Bars: two standard uncertainties of white noise over the average."
+    numbers = {"worst": worst, "bars": bars if result.average_s else ""}
+    return Picture.drawn(figure, f"{prefix}-top", "top", **numbers)
 
 
 def _slope_bar(reading: ReadingRecord, average_s: float | None, scale: float) -> float | None:

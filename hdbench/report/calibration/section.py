@@ -7,12 +7,12 @@ from dataclasses import replace
 from hdbench.records import Loads
 from hdbench.report.calibration.figures import range_pictures, record_pictures
 from hdbench.report.calibration.tables import record_tables as tables
-from hdbench.report.numbers import rounded_with, short, with_std
+from hdbench.report.numbers import with_std
 from hdbench.report.pagemodel import KeyNumber, Picture, Verdict
 from hdbench.report.source import Source
 from hdbench.results import CalibrationResult
 
-__all__ = ["data_pictures", "numbers", "pictures", "summary", "tables", "verdict"]
+__all__ = ["data_pictures", "numbers", "pictures", "tables", "verdict"]
 
 
 def verdict(result: CalibrationResult) -> Verdict:
@@ -29,43 +29,6 @@ def verdict(result: CalibrationResult) -> Verdict:
     broken = [test.name for test in tests if test.passed is False]
     reason = f"; not held: {', '.join(broken)}" if broken else ""
     return Verdict("bad", f"Calibration not accepted: {words[:-1]}{reason}.")
-
-
-def summary(result: CalibrationResult, source: Source) -> str:
-    """Say in plain words what the calibration found."""
-    gain = result.gain_nm_per_v
-    lines = result.experiments
-    text = (
-        f"With the wave generator locked, weights on the arm were read in {len(lines)} loading "
-        f"experiments. One volt of the amplified bridge stands for {with_std(gain)} N·m. "
-    )
-    consistency, interval = result.consistency, result.consistency_interval
-    if consistency is not None:
-        text += f"The gains of the experiments scatter by {100 * consistency:.2f} % of their mean"
-        if interval is not None:
-            text += f" (95 %: {100 * interval[0]:.2f} to {100 * interval[1]:.2f} %)"
-        text += "; the bench of CIM-TR-97-06 had 6.60 N·m/V and 2 %. "
-    of_mean = result.uncertainty.mean_of_positions if result.uncertainty else None
-    if of_mean is not None:
-        value, expanded = rounded_with(of_mean.value, of_mean.expanded)
-        one = result.gain_basis in ("residual", "repetitions")
-        where = (
-            "At this one flexspline position, without the spread between positions,"
-            if one
-            else "Averaged over flexspline positions"
-        )
-        text += (
-            f"{where} the gain is {value} N·m/V with an expanded "
-            f"uncertainty of {expanded} N·m/V (k = {of_mean.coverage_factor:.2f}, 95 %). "
-        )
-    worst = max((line.residual_rms_nm for line in lines), default=None)
-    if worst is not None:
-        text += f"Around their lines the readings scatter by at most {1e3 * worst:.1f} mN·m rms. "
-    if source.profile is not None:
-        stated = source.profile.data.sensor.gain_nm_per_v
-        change = 100.0 * (gain.value / stated - 1.0)
-        text += f"That is {short(change, 0.1)} % off the {stated:g} N·m/V of the profile."
-    return text
 
 
 def numbers(result: CalibrationResult, run_id: str) -> tuple[KeyNumber, ...]:

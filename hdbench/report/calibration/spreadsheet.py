@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hdbench.report.pagefiles import csv_text
+from hdbench.report.page import csv_text
 from hdbench.results import CalibrationResult
 
 _HEAD = ("part", "group", "torque_nm", "name", "value", "unit")

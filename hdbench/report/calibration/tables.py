@@ -21,6 +21,7 @@ from hdbench.report.numbers import (
     with_std,
 )
 from hdbench.report.pagemodel import Column, Table
+from hdbench.report.texts import page_text
 from hdbench.results import CalibrationResult
 from hdbench.results.calibration import (
     Acceptance,
@@ -37,10 +38,6 @@ from hdbench.results.calibration import (
     TorqueRecord,
 )
 
-_STATEMENT = (
-    "Unaccredited; traceability as declared by the operator. The results relate only to the item "
-    "described, as it was when it was calibrated. Not to be reproduced except in full."
-)
 # probability by chance below which a difference is told; its size is told with it
 _CHANCE = 0.05
 _ITEM = {
@@ -86,7 +83,7 @@ def record_tables(result: CalibrationResult) -> tuple[Table, ...]:
 
 def _identity(item: IdentityRecord) -> Table:
     rows = tuple((words, declared(getattr(item, key))) for key, words in _ITEM.items())
-    return Table("What was calibrated", ("", ""), rows, _STATEMENT)
+    return Table("What was calibrated", ("", ""), rows, page_text("item_note"))
 
 
 def _standards(standards: StandardsRecord, account: AppliedTorqueAccount) -> Table:
@@ -120,33 +117,25 @@ def _gain(result: CalibrationResult, uncertainty: GainUncertainty) -> Table:
         "any_one_position": "any one position",
         "naive": "as if all experiments were independent (for comparison only)",
     }
-    mean, note = uncertainty.mean_of_positions, ""
+    mean, trial, note = uncertainty.mean_of_positions, result.monte_carlo, ""
     if mean is not None:
         free = "" if mean.dof is None else f" (from {mean.dof:.3g} effective degrees of freedom)"
-        note = (
-            "The expanded uncertainty is the standard uncertainty multiplied by "
-            f"k = {mean.coverage_factor:.2f}{free} such that the coverage probability is about "
-            "95 %."
-        )
-    trial = result.monte_carlo
+        note = page_text("gain_note", k=mean.coverage_factor, free=free)
     if trial is not None:
-        ends = (short(x, trial.expanded_nm_per_v / 2) for x in trial.interval_nm_per_v)
+        ends = " to ".join(short(x, trial.expanded_nm_per_v / 2) for x in trial.interval_nm_per_v)
         word = "agree" if trial.agrees_with_formula else "do not agree"
-        note += (
-            f" Monte Carlo with {trial.draws} trials (seed {trial.seed}): 95 % from "
-            f"{' to '.join(ends)} N·m/V; its ends {word} with the formula within "
-            f"{short(trial.tolerance_nm_per_v)} N·m/V."
-        )
+        size, draws = short(trial.tolerance_nm_per_v), {"draws": trial.draws, "seed": trial.seed}
+        note += " " + page_text("trial_note", ends=ends, word=word, tolerance=size, **draws)
     columns: tuple[Column, ...] = (
         ("gain", lambda row: names[row[0]]),
         ("value (N·m/V)", lambda row: rounded_with(row[1].value, row[1].expanded)[0]),
-        ("U (N·m/V)", lambda row: rounded_with(row[1].value, row[1].expanded)[1]),
+        ("U (N·m/V)", lambda row: two_digits(row[1].expanded)),
         ("U (%)", lambda row: percent(row[1].expanded_relative, 2)),
         ("k", lambda row: fixed(row[1].coverage_factor, 2)),
-        ("degrees of freedom", lambda row: row[1].dof, _degrees),
+        ("degrees of freedom", lambda row: _degrees(row[1].dof)),
     )
-    told = ((key, getattr(uncertainty, key)) for key in names)
-    rows = [(key, body) for key, body in told if body is not None]
+    gains = ((key, getattr(uncertainty, key)) for key in names)
+    rows = [(key, gain) for key, gain in gains if gain is not None]
     return Table.of("Gain and its uncertainty", columns, rows, note)
 
 
@@ -205,6 +194,9 @@ def _equations(result: CalibrationResult) -> Table:
     def gain(group: LoadGroup) -> Any:
         return group.gain_up_down_nm_per_v or group.gain_up_nm_per_v
 
+    def line(left: str, slope: float, right: str) -> str:
+        return f"{left} = {slope:.6g} {right}".replace("-", MINUS).replace(" ", NBSP)
+
     def cubic(group: LoadGroup) -> str:
         if group.cubic_v is None:
             return DASH
@@ -213,24 +205,13 @@ def _equations(result: CalibrationResult) -> Table:
 
     columns: tuple[Column, ...] = (
         ("group", lambda g: f"{g.direction}, {g.range}"),
-        (
-            "volts of torque",
-            lambda g: f"V = {turn / gain(g):.6g} T".replace("-", MINUS).replace(" ", NBSP),
-        ),
-        (
-            "torque of volts",
-            lambda g: f"T = {turn * gain(g):.6g} V".replace("-", MINUS).replace(" ", NBSP),
-        ),
+        ("volts of torque", lambda g: line("V", turn / gain(g), "T")),
+        ("torque of volts", lambda g: line("T", turn * gain(g), "V")),
         ("cubic", cubic),
         ("range (N·m)", lambda g: f"0 to {g.largest_torque_nm:.4g}"),
     )
-    note = (
-        "V: reading less the zero before loading, V. T: torque, N·m; for anticlockwise groups both "
-        "with their signs turned. Lines through zero, loading and unloading together where both "
-        "were measured; the cubic holds for loading and only in its range."
-    )
     groups = [g for g in result.groups if gain(g) is not None]
-    return Table.of("Equation both ways", columns, groups, note)
+    return Table.of("Equation both ways", columns, groups, page_text("equation_note"))
 
 
 def _classes(result: CalibrationResult) -> Table:
@@ -301,11 +282,9 @@ def _budget(result: CalibrationResult) -> Table:
         ("share (%)", known("share", partial(percent, digits=1))),
         ("certificate or origin", "origin"),
     )
-    note = (
-        "Sources of the applied torque scale every reading alike: they are added after averaging "
-        "and are not divided by the number of readings. What is not declared counts as nothing."
+    return Table.of(
+        "Uncertainty budget of the gain", columns, result.budget, page_text("budget_note")
     )
-    return Table.of("Uncertainty budget of the gain", columns, result.budget, note)
 
 
 def _corrections(torque: AppliedTorqueAccount, force: SideForce | None) -> Table:
@@ -326,11 +305,8 @@ def _corrections(torque: AppliedTorqueAccount, force: SideForce | None) -> Table
         reason = f"{force.force_n:.4g} N{moment}; {force.reason}"
         rows.append(("side force", size, DASH, reason))
     if torque.largest_nm is not None:
-        note = (
-            f"At the largest load: {torque.largest_nominal_nm:.5f} N·m by mass, local gravity "
-            f"and length; {torque.largest_nm:.5f} N·m corrected, relative standard uncertainty "
-            f"{ppm(torque.relative_std)} ppm."
-        )
+        sizes = {"nominal": torque.largest_nominal_nm, "corrected": torque.largest_nm}
+        note = page_text("torque_note", std=ppm(torque.relative_std), **sizes)
     head = ("correction", "size (ppm)", "share of the torque's variance (%)", "with")
     return Table("Applied torque, correction by correction", head, tuple(rows), note)
 
@@ -358,12 +334,6 @@ def _experiments(result: CalibrationResult) -> Table:
 def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
     """Return the evaluation step by step of one group."""
 
-    def up(key: str) -> Any:
-        return lambda step: percent(getattr(step.increasing, key, None))
-
-    def both(key: str) -> Any:
-        return lambda step: percent(getattr(step.increasing_decreasing, key, None))
-
     def best(key: str, form: Any = percent) -> Any:
         return lambda step: form(getattr(step.increasing_decreasing or step.increasing, key, None))
 
@@ -371,6 +341,7 @@ def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
         line = step.deviation_up_down_relative
         return percent(step.deviation_linear_relative if line is None else line)
 
+    both = "increasing_decreasing"
     columns: tuple[Column, ...] = (
         ("T (N·m)", "torque_nm", partial(fixed, digits=4)),
         ("Y (mV)", "deflection_v", millivolts),
@@ -381,23 +352,16 @@ def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
         ("fa (%)", off),
         ("w (%)", best("relative_std")),
         ("k from dof", best("coverage_factor", partial(fixed, digits=2))),
-        ("W I, k = 2 (%)", up("expanded_relative_k2")),
-        ("W I (%)", up("expanded_relative")),
-        ("W II, k = 2 (%)", both("expanded_relative_k2_with_deviation")),
-        ("W II (%)", both("expanded_relative_with_deviation")),
+        ("W I, k = 2 (%)", "increasing.expanded_relative_k2", percent),
+        ("W I (%)", "increasing.expanded_relative", percent),
+        ("W II, k = 2 (%)", f"{both}.expanded_relative_k2_with_deviation", percent),
+        ("W II (%)", f"{both}.expanded_relative_with_deviation", percent),
         ("U (N·m)", best("expanded_nm", two_digits)),
     )
-    note = (
-        f"{group.n_positions} positions, {group.n_series} series. Y: mean over the "
-        "positions. b': repeatability, b: reproducibility (standard deviation), h: "
-        "reversibility, fa: deviation from the line through zero. W: relative expanded "
-        "uncertainty; I: loading with the cubic, II: loading and unloading with the line, its "
-        "deviation added; k = 2 as in the guide, then k from the degrees of freedom. w, k and "
-        "U belong to II where unloading was read, else to I. f0 = "
-        f"{percent(group.zero_relative)} %; {result.method}."
-    )
-    own = steps_of(result, group)
-    return Table.of(f"Evaluation step by step: {_group_words(group)}", columns, own, note)
+    zero, counts = percent(group.zero_relative), {"series": group.n_series, "method": result.method}
+    note = page_text("step_note", positions=group.n_positions, zero=zero, **counts)
+    title = f"Evaluation step by step: {_group_words(group)}"
+    return Table.of(title, columns, steps_of(result, group), note)
 
 
 def steps_of(result: CalibrationResult, group: LoadGroup) -> list[LoadStep]:

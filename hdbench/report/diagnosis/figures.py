@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records import FloatArray
-from hdbench.report.canvas import COLOURS, min_max, new_figure
+from hdbench.report.canvas import COLOURS, Panel, min_max, new_figure
 from hdbench.report.diagnosis.folder import Columns, read_columns
 from hdbench.report.pagemodel import Picture
 
@@ -46,7 +46,7 @@ def folder_pictures(folder: Path, prefix: str) -> tuple[Picture, ...]:
     if columns is None:
         return ()
     if "falling" in columns:
-        return (_loads(columns, f"{prefix}-loads"),)
+        return (_residual(columns, f"{prefix}-loads"),)
     drawn = [_comparison(columns, f"{prefix}-simulated"), _residual(columns, f"{prefix}-residual")]
     for stem, axis, label, words, unit in _SPECTRA:
         table = read_columns(folder / f"{stem.replace('-', '_')}_spectrum.csv")
@@ -66,35 +66,6 @@ def _rms(values: FloatArray, chosen: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean(good**2))) if len(good) else 0.0
 
 
-def _loads(columns: Columns, name: str) -> Picture:
-    """Draw the residual of calibration readings against torque, before and after."""
-    figure, rows = new_figure(2, 4.4, share_x=True)
-    rows[1].sharey(rows[0])
-    torque, used, falling = columns["torque_nm"], columns["used"] > 0.0, columns["falling"] > 0.0
-    size = []
-    for axes, when in zip(rows, ("before", "after"), strict=True):
-        left = columns[f"residual_{when}_nm"]
-        size.append(f"{_rms(left, used):.3g}")
-        for chosen, face in ((used & ~falling, COLOURS[when]), (used & falling, "none")):
-            style = {"markersize": 3.2, "markerfacecolor": face}
-            axes.curve(torque[chosen], left[chosen], when, "o", **style)
-        if not used.all():
-            axes.curve(torque[~used], left[~used], "muted", "x")
-        axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.8)
-        axes.label(None, "residual (N·m)", f"{when}: {size[-1]} N·m rms")
-    rows[1].set_xlabel("applied torque (N·m)")
-    caption = (
-        f"Readings off the fitted line: {size[0]} N·m rms with one gain and one zero an "
-        f"experiment, {size[1]} N·m rms with the causes that were found. Filled: "
-        f"loading, open: unloading.{' Crosses: not used.' if not used.all() else ''}"
-    )
-    alt = (
-        f"Residual of calibration readings against applied torque; its rms goes from "
-        f"{size[0]} to {size[1]} newton metres."
-    )
-    return Picture.drawn(figure, name, "Readings before and after", caption, alt)
-
-
 def _comparison(columns: Columns, name: str) -> Picture:
     time, measured = columns["time_s"], columns["measured_nm"]
     figure, (whole, before, after) = new_figure(3, 5.6)
@@ -111,13 +82,7 @@ def _comparison(columns: Columns, name: str) -> Picture:
         axes.curve(time[cut], columns[key][cut], colour)
         axes.label(None, "torque (N·m)", words)
     after.set_xlabel("time (s)")
-    caption = (
-        "Measured torque against the simulation of the same motion: as the model was handed in "
-        "(middle) and with the causes that were found (below). Where the line runs through the "
-        "dots, the simulation explains the measurement."
-    )
-    alt = "Measured torque over time with the simulated torque, before and after the extension."
-    return Picture.drawn(figure, name, "Measured against simulated", caption, alt)
+    return Picture.drawn(figure, name, "simulated")
 
 
 def _close_up(time: FloatArray) -> slice:
@@ -130,31 +95,43 @@ def _close_up(time: FloatArray) -> slice:
 
 
 def _residual(columns: Columns, name: str) -> Picture:
-    time = columns["time_s"]
-    masked = columns.get("masked", np.zeros(len(time))) > 0.0
-    figure, rows = new_figure(2, 4.2, share_x=True)
+    """Draw the residual before and after on one scale: over time, or of readings over torque."""
+    loads = "falling" in columns
+    figure, rows = new_figure(2, 4.4 if loads else 4.2, share_x=True)
     rows[1].sharey(rows[0])
-    rms = []
+    x = columns["torque_nm" if loads else "time_s"]
+    used = columns["used"] > 0.0 if loads else ~(columns.get("masked", np.zeros(len(x))) > 0.0)
+    rms = {}
     for axes, when in zip(rows, ("before", "after"), strict=True):
         left = columns[f"residual_{when}_nm"]
-        rms.append(f"{_rms(left, ~masked):.3g}")
-        axes.curve(time, left, when, linewidth=0.7)
-        axes.label(None, "residual (N·m)", f"{when}: {rms[-1]} N·m rms")
-        for first, last in mask_runs(masked):
-            ends = time[first], time[last]
-            axes.axvspan(*ends, color=COLOURS["expected"], alpha=0.2, linewidth=0)
-    rows[1].set_xlabel("time (s)")
-    hidden = int(np.count_nonzero(masked))
-    note = f" Shaded: {hidden} samples that were left out as faulty." if hidden else ""
-    caption = (
-        f"What the simulation misses, on one scale: {rms[0]} N·m rms before, {rms[1]} "
-        f"N·m rms after it was extended by the causes found.{note}"
-    )
-    alt = (
-        f"Residual torque over time before and after the model was extended; its rms falls from "
-        f"{rms[0]} to {rms[1]} newton metres."
-    )
-    return Picture.drawn(figure, name, "Residual before and after", caption, alt)
+        rms[when] = f"{_rms(left, used):.3g}"
+        if loads:
+            _readings(axes, columns, used, when)
+        else:
+            axes.curve(x, left, when, linewidth=0.7)
+            for first, last in mask_runs(~used):
+                ends = x[first], x[last]
+                axes.axvspan(*ends, color=COLOURS["expected"], alpha=0.2, linewidth=0)
+        axes.label(None, "residual (N·m)", f"{when}: {rms[when]} N·m rms")
+    rows[1].set_xlabel("applied torque (N·m)" if loads else "time (s)")
+    note = ""
+    if not used.all():
+        hidden = f" Shaded: {np.count_nonzero(~used)} samples that were left out as faulty."
+        note = " Crosses: not used." if loads else hidden
+    return Picture.drawn(figure, name, "loads" if loads else "residual", note=note, **rms)
+
+
+def _readings(axes: Panel, columns: Columns, used: NDArray[np.bool_], when: str) -> None:
+    """Draw the residual of calibration readings over torque."""
+    torque, left, falling = columns["torque_nm"], columns[f"residual_{when}_nm"], columns["falling"]
+    for chosen, face in (
+        (used & (falling <= 0.0), COLOURS[when]),
+        (used & (falling > 0.0), "none"),
+    ):
+        axes.curve(torque[chosen], left[chosen], when, "o", markersize=3.2, markerfacecolor=face)
+    if not used.all():
+        axes.curve(torque[~used], left[~used], "muted", "x")
+    axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.8)
 
 
 def _spectrum(table: Columns, axis: str, label: str, words: str, unit: str, name: str) -> Picture:
@@ -173,15 +150,8 @@ def _spectrum(table: Columns, axis: str, label: str, words: str, unit: str, name
     at = int(np.nanargmax(before))
     peak, left, where = f"{before[at]:.3g}", f"{after[at]:.3g}", f"{x[at]:.4g}{unit}"
     rest = f"{left} N·m are left there." if after[at] > 0.0 else "nothing is left there."
-    caption = (
-        f"Amplitude of the residual over {words}. Before: the highest peak is {peak} N·m at "
-        f"{where}; after the extension {rest}"
-    )
-    alt = (
-        f"Residual amplitude over {words}; the peak at {where} falls from {peak} to {left} "
-        "newton metres."
-    )
-    return Picture.drawn(figure, name, f"Residual over {words}", caption, alt)
+    numbers = {"peak": peak, "left": left, "where": where, "rest": rest}
+    return Picture.drawn(figure, name, "spectrum", axis=words, **numbers)
 
 
 def _maps(tables: Mapping[str, Columns], name: str) -> Picture:
@@ -198,20 +168,11 @@ def _maps(tables: Mapping[str, Columns], name: str) -> Picture:
             axes.set_ylim(bottom=0.0)
         axes.label(label, f"{kind} (N·m)")
     rows[0].legend_above()
-    caption = (
-        "Residual in bins of what it could depend on, with twice its standard deviation as a band: "
-        "before, a curve that leaves zero says where the simulation is wrong; after the extension "
-        "it should lie on zero. The last one, over absolute speed, is the root mean square: it "
-        "shows noise that grows with speed."
-    )
     reach = {key: float(np.nanmax(np.abs(table["before_nm"]))) for key, table in tables.items()}
     farthest = max(reach, key=lambda key: reach[key])
-    alt = (
-        "Mean residual before and after the extension over "
-        + ", ".join(_MAPS[key][1] for key in tables)
-        + f"; before, it reaches {reach[farthest]:.3g} newton metres over {_MAPS[farthest][1]}."
-    )
-    return Picture.drawn(figure, name, "Where the residual sits", caption, alt)
+    axes_words = ", ".join(_MAPS[key][1] for key in tables)
+    numbers = {"reach": reach[farthest], "farthest": _MAPS[farthest][1]}
+    return Picture.drawn(figure, name, "maps", axes=axes_words, **numbers)
 
 
 def _codes(table: Columns, name: str) -> Picture:
@@ -220,9 +181,4 @@ def _codes(table: Columns, name: str) -> Picture:
     axes.bar(table["code_modulo_32"], share, width=0.8, color=COLOURS["measured"])
     axes.label("code of the converter modulo 32", "share (%)")
     never = int(np.count_nonzero(table["samples"] == 0.0))
-    caption = (
-        "How often each of the converter's codes came, modulo 32. A sound converter gives equal "
-        f"shares; a comb means a stuck bit or a coarser step. {never} of 32 never came."
-    )
-    alt = f"Histogram of converter codes modulo 32; {never} of 32 never came."
-    return Picture.drawn(figure, name, "Codes of the converter", caption, alt)
+    return Picture.drawn(figure, name, "codes", never=never)

@@ -19,9 +19,9 @@ from hdbench.report.numbers import (
 )
 from hdbench.report.pagemodel import KeyNumber, Level, Picture, Verdict
 from hdbench.report.source import Source
-from hdbench.results.diagnosis import DiagnosisResult, FilterGain, NamedCause, Unexplained
+from hdbench.results.diagnosis import DiagnosisResult, NamedCause, Unexplained
 
-__all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
+__all__ = ["numbers", "pictures", "tables", "verdict"]
 
 _VERDICTS: dict[str, tuple[Level, str]] = {
     "nothing-found": ("good", "Nothing found: the simulation explains the measurement."),
@@ -78,50 +78,6 @@ def _place_words(place: Unexplained) -> str:
     return (
         f"unexplained of {short(place.size_nm)} N·m at {place.domain} {plain(place.location)} "
         f"{place.unit}"
-    )
-
-
-def summary(result: DiagnosisResult, _source: Source) -> str:
-    """Say in plain words what was found and what it is worth."""
-    before, after = result.simulated.heldout_rms_nm, result.extended.heldout_rms_nm
-    text = "The measured torque was held against the simulation of the same motion. "
-    if result.causes:
-        names = ", ".join(cause.name for cause in result.causes)
-        text += f"What is left over is explained by {names}. "
-        rivals = dict.fromkeys(rival for cause in result.causes for rival in cause.rivals)
-        if rivals:
-            text += f"Nearly as likely on this record: {', '.join(rivals)}. "
-    elif result.verdict == "nothing-found":
-        text += "What is left over looks like noise: no order, tone or trend stands out. "
-    places = result.unexplained
-    if places:
-        text += (
-            "One further place of the residual stands out without a name. "
-            if len(places) == 1
-            else f"{len(places)} further places of the residual stand out without a name. "
-        )
-    if before and after is not None:
-        text += (
-            f"On parts of the record that took no part in the fit, the simulation misses the "
-            f"measurement by {short(before)} N·m rms, the extended one by {short(after)} N·m rms "
-            f"({100.0 * (1.0 - (after / before) ** 2):.1f} % of the residual variance explained). "
-        )
-    return text + _filter_words(result.filter_gain)
-
-
-def _filter_words(gain: FilterGain | None) -> str:
-    """Say what the filter gains by the orders found; nothing where there is no such figure."""
-    if gain is None:
-        return ""
-    rms = gain.error_rms_nm
-    sizes = " and ".join(
-        f"{short(block.amplitude_nm.after)} N·m of motor order {plain(block.order)} "
-        f"(before: {short(block.amplitude_nm.before)} N·m)"
-        for block in gain.blocks
-    )
-    return (
-        f"With the new orders as blocks, the filter leaves {sizes}; its error is "
-        f"{short(rms.after)} N·m rms (before: {short(rms.before)} N·m rms). "
     )
 
 

@@ -18,6 +18,7 @@ from hdbench.report.numbers import (
     unit_words,
 )
 from hdbench.report.pagemodel import Column, Table
+from hdbench.report.texts import page_text
 from hdbench.results.diagnosis import (
     DiagnosisResult,
     Gain,
@@ -45,8 +46,8 @@ def tables(result: DiagnosisResult) -> tuple[Table, ...]:
             "Records",
             (
                 ("record", "record", str),
-                ("held-out, simulation (N·m)", lambda r: r.simulated.heldout_rms_nm),
-                ("held-out, extended (N·m)", lambda r: r.extended.heldout_rms_nm),
+                ("held-out, simulation (N·m)", "simulated.heldout_rms_nm"),
+                ("held-out, extended (N·m)", "extended.heldout_rms_nm"),
                 ("remark", _remark),
             ),
             result.records,
@@ -112,12 +113,8 @@ def _records_of_causes(result: DiagnosisResult) -> Table:
         ("size in it alone", lambda row: _sizes(row[1].parameters) or DASH),
     )
     rows = [(cause.name, one) for cause in (*result.causes, *result.minor) for one in cause.voices]
-    note = (
-        "By how much the likelihood of each record falls without the cause, and the size of the "
-        "cause as that record alone has it, beside all that the records share."
-    )
     title = "Which record speaks for which cause"
-    return Table.of(title, columns, rows, note, wide=True, stacked=True)
+    return Table.of(title, columns, rows, page_text("voice_note"), wide=True, stacked=True)
 
 
 def _remark(record: RecordPart) -> str:
