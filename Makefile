@@ -96,7 +96,6 @@ real: $(VENV)/.formats
 # Speed beside the libraries that do the same; the table goes to docs/performance.md.
 bench: $(VENV)/.bench
 	$(BIN)/python tools/bench.py --write docs/performance.md
-	$(BIN)/python tools/bench_index.py
 
 # The documentation as a site in build/site; the reference pages are made from the code first.
 docs: $(VENV)/.dev

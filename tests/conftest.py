@@ -54,6 +54,12 @@ def hdbench(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[str, str]
     return run
 
 
+@pytest.fixture
+def answer(hdbench: Callable[..., tuple[str, str]]) -> Callable[..., dict[str, Any]]:
+    """Return a function that runs a command line with --json, for its one object."""
+    return lambda *words, code=0: json.loads(hdbench(*words, "--json", code=code)[0])
+
+
 @pytest.fixture(scope="session")
 def profile() -> Profile:
     return load_profile("cim-tr-97-06")

@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hdbench.errors import DataError, StorageError, UsageError
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from hdbench.filter import FilterModel
-    from hdbench.profile import Profile
-    from hdbench.records import TorqueScale, Trace
-    from hdbench_cli.output import Output
+from hdbench.filter import FilterModel
+from hdbench.profile import Profile, load_profile, parse_profile
+from hdbench.profile.scaling import rescaled, stored_scale
+from hdbench.records import (
+    Quantity,
+    TorqueScale,
+    Trace,
+    input_identity,
+    read_json,
+    read_trace,
+    resolve_input,
+)
+from hdbench_cli.output import Output
+from hdbench_cli.text import Lines
 
 DEFAULT_PROFILE = "cim-tr-97-06"
 
 
 def choose_profile(name: str | None, source: Path | None, drive: str | None = None) -> Profile:
     """Return the named profile, else the stored run's own, else the default."""
-    from hdbench.profile import load_profile, parse_profile
-
     manifest: dict[str, Any] = {}
     if source is not None and (source / "run.json").is_file():
-        from hdbench.records import read_json
-
         manifest = read_json(source / "run.json", None)
     stored = manifest.get("profile")
     if name is None and isinstance(stored, dict) and isinstance(stored.get("text"), str):
@@ -51,8 +53,6 @@ class Input:
 
     def identity(self) -> dict[str, Any]:
         """Return path and digest of the file, and what it was imported from."""
-        from hdbench.records import input_identity
-
         return input_identity(self.file)
 
 
@@ -65,9 +65,6 @@ def read_input(
     model: FilterModel | None = None,
 ) -> Input:
     """Read a trace and give it its torque in N m: by --gain, calibration, run, model or profile."""
-    from hdbench.profile.scaling import rescaled, stored_scale
-    from hdbench.records import Quantity, TorqueScale, read_json, read_trace, resolve_input
-
     file = resolve_input(source)
     trace = read_trace(file)
     if gain is not None:
@@ -168,18 +165,13 @@ def show_results(
     output: Output,
     bodies: Sequence[dict[str, Any]],
     out: Path | None,
-    lines: Callable[[dict[str, Any]], Iterable[RenderableType]],
+    lines: Callable[[dict[str, Any]], Lines],
 ) -> None:
     """Print the result of one input, or of several as one, each under the name of its input."""
     if len(bodies) == 1:
-        output.result(bodies[0], lines)
+        output.result(bodies[0], lines(bodies[0]))
         return
-
-    def each(whole: dict[str, Any]) -> Iterator[RenderableType]:
-        for body in whole["results"]:
-            yield body["input"]["path"]
-            yield from lines(body)
-
+    each = (line for body in bodies for line in (body["input"]["path"], *lines(body)))
     header = {key: bodies[0][key] for key in ("schema", "hdbench_version", "profile")}
     files = {} if out is None else {"out": str(out)}
     output.result({**header, **files, "results": list(bodies)}, each)

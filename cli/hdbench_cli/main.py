@@ -1,8 +1,7 @@
-"""The command group: commands are imported when they are called, errors end here."""
+"""The program: errors of commands become exit codes here."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 import sys
@@ -14,111 +13,9 @@ from typing import Any, NoReturn
 import click
 
 from hdbench.errors import HdbenchError, StorageError, UsageError
+from hdbench_cli.commandline import CommandGroup, shared_options
 from hdbench_cli.output import Output
 from hdbench_cli.signals import end_by_signals
-
-_COMMANDS: dict[str, tuple[str, str]] = {
-    "calibrate": ("calibrate", "Arm-and-weight calibration with locked wave generator."),
-    "run-misalignment": ("run_misalignment", "Constant-velocity run: torque once per output turn."),
-    "run-ripple": ("run_ripple", "Free-motion run: torque ripple at 2x and 4x motor speed."),
-    "filter": ("filter", "Remove ripple and misalignment from a stored trace."),
-    "tune": ("tune", "Fit the noise parameters of the filter to traces."),
-    "response": ("response", "Show what a filter model does to the torque."),
-    "export": ("export", "Write a filter as C99 source, or runs as Parquet, HDF5 or MATLAB."),
-    "orders": ("orders", "Compute order spectrum, order map, and every order over time."),
-    "diagnose": ("diagnose", "Show what the simulation gets wrong and name the cause."),
-    "plan": ("plan", "Propose the run that separates causes; write it as a plan file."),
-    "simulate": ("simulate", "Compute the bench model, alone or on a measured motion."),
-    "emulate": ("emulate", "Serve the emulated bench over Modbus TCP."),
-    "report": ("report", "Write runs as one offline HTML file with CSV and JSON."),
-    "inspect": ("inspect", "Check what a log can show, and what it cannot."),
-    "regress": ("regress", "Re-evaluate stored traces and compare with stored results."),
-    "import": ("import_", "Import traces and loads from other programs."),
-    "batch": ("batch", "Run a command over many inputs; one table of all."),
-    "runs": ("runs", "List, show, verify, resume and compare runs."),
-    "trend": ("trend", "Follow a quantity over many runs: control charts, steps, drift."),
-    "gauge": ("gauge", "Draw the film that places strain gauges; compute their placement errors."),
-    "profile": ("profile", "List, show, check and make profiles."),
-    "stop": ("stop", "Stop the motor of a bench now, whoever runs it."),
-    "monitor": ("monitor", "Watch a bench live; nothing moves, nothing is stored."),
-    "devices": ("devices", "List the serial ports and the devices on them."),
-    "doctor": ("doctor", "Check this installation and the bench."),
-    "completion": ("completion", "Print the script that completes commands in a shell."),
-    "demo": ("demo", "Run the whole bench in a minute, without hardware."),
-}
-
-
-def _set_json(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
-    if value:
-        ctx.ensure_object(Output).json = True
-
-
-def _add_verbose(ctx: click.Context, _param: click.Parameter, value: int) -> None:
-    ctx.ensure_object(Output).verbose += value
-
-
-def _shared_options() -> list[click.Parameter]:
-    return [
-        click.Option(
-            ["--json"],
-            is_flag=True,
-            expose_value=False,
-            callback=_set_json,
-            help="Print exactly one JSON object on stdout.",
-        ),
-        click.Option(
-            ["-v", "--verbose"],
-            count=True,
-            show_default=False,
-            expose_value=False,
-            callback=_add_verbose,
-            help="Print more; for a bug, print its traceback.",
-        ),
-    ]
-
-
-def _with_shared_options(command: click.Command) -> click.Command:
-    names = {name for param in command.params for name in param.opts}
-    command.params.extend(o for o in _shared_options() if not names & set(o.opts))
-    if isinstance(command, click.Group):
-        for child in command.commands.values():
-            _with_shared_options(child)
-    return command
-
-
-class _LazyGroup(click.Group):
-    """A group whose commands are imported when they are called."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the command names in the order of the bench's work."""
-        return list(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return one command."""
-        if cmd_name not in _COMMANDS:
-            return None
-        module = importlib.import_module(f"hdbench_cli.commands.{_COMMANDS[cmd_name][0]}")
-        command: click.Command = module.command
-        return _with_shared_options(command)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing them."""
-        rows = [(name, summary) for name, (_, summary) in _COMMANDS.items()]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Name the nearest command when one is mistyped."""
-        name = args[0]
-        if name not in _COMMANDS:
-            import difflib
-
-            near = difflib.get_close_matches(name, _COMMANDS, n=1)
-            hint = f" Did you mean '{near[0]}'?" if near else " See 'hdbench --help'."
-            ctx.fail(f"No such command '{name}'.{hint}")
-        return super().resolve_command(ctx, args)
 
 
 def _show_version(output: Output) -> None:
@@ -129,16 +26,18 @@ def _show_version(output: Output) -> None:
         return
     from hdbench_cli.commands.doctor import version_facts
 
-    output.result(version_facts(), lambda facts: [f"{k} {v}" for k, v in facts.items()])
+    facts = version_facts()
+    output.result(facts, [f"{name} {value}" for name, value in facts.items()])
 
 
 @click.group(
-    cls=_LazyGroup,
+    name="",
+    cls=CommandGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     epilog="First time here? Run `hdbench demo`.",
     params=[
-        *_shared_options(),
+        *shared_options(),
         click.Option(
             ["--version"],
             is_flag=True,

@@ -1,8 +1,7 @@
-"""Options and arguments of the commands, declared in options.toml and used by name."""
+"""Options and arguments of the commands, declared in options.toml."""
 
 from __future__ import annotations
 
-import inspect
 import math
 import tomllib
 from collections.abc import Callable
@@ -18,44 +17,20 @@ from hdbench.errors import DataError, nothing_stored
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-Function = Callable[..., Any]
-# of every experiment, and of the commands that choose stored runs
-EXPERIMENT = (
-    "profile_name drive out source address control plant seed dry_run yes no_input check no_report "
-    "realtime form"
-)
-RUN_FILTERS = "kind profile status verdict drive sensor"
 _LAST = "last"
 _RUNS = Path("runs")
 
 
-def declared(
-    name: str, names: str = "", *, cls: type[click.Command] = click.Command
-) -> Callable[[Function], click.Command]:
-    """Make a command of a function that takes the `Output`, then values by name.
-
-    `name` is a section of options.toml, with that of its group before it: `runs list`. `names` are
-    its entries in the order of the help, with blanks between; without them the function's own
-    parameters are.
-    """
-
-    def made(function: Function) -> click.Command:
-        taken = names.split() or [*inspect.signature(function).parameters][1:]
-        example = " ".join(_table()[name]["example"].split())
-        return click.command(
-            name.rpartition(" ")[2],
-            cls=cls,
-            params=[parameter(name, entry) for entry in taken],
-            epilog=f"Example{'s' if '; hdbench' in example else ''}: {example}",
-        )(click.pass_obj(function))
-
-    return made
+@cache
+def declared(name: str) -> dict[str, Any]:
+    """Return what a TOML file beside this module declares."""
+    return tomllib.loads(Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def parameter(section: str, name: str) -> click.Parameter:
     """Return an option or argument of a command; `shared` is a section, too."""
-    table = _table()
-    entry = dict(table[section].get(name, {}))
+    table = declared("options")
+    entry = dict(table.get(section, {}).get(name, {}))
     if not {"flags", "argument"} & entry.keys():
         entry = {**table["shared"].get(name, {}), **entry}
     name, kind = entry.pop("fills", name), _type(entry)
@@ -78,12 +53,6 @@ def parameter(section: str, name: str) -> click.Parameter:
     if entry.pop("flag", False):
         entry["is_flag"] = True
     return click.Option([*entry.pop("flags").split(), name], type=kind, help=words, **entry)
-
-
-@cache
-def _table() -> dict[str, Any]:
-    file = Path(__file__).with_suffix(".toml")
-    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def newest_run(word: str) -> Path | None:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from hdbench import __version__
 from hdbench.errors import HdbenchError
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
+    from hdbench.profile import Profile
+
 Body = Mapping[str, Any]
-Lines = Callable[[Any], "str | Iterable[RenderableType]"]
+Shown: TypeAlias = "str | Iterable[RenderableType]"
 
 
 def show_lines(console: Console, lines: Iterable[RenderableType]) -> None:
@@ -27,6 +28,15 @@ def show_lines(console: Console, lines: Iterable[RenderableType]) -> None:
     for line in lines:
         whole = isinstance(line, str) or (isinstance(line, Text) and line.no_wrap is not False)
         console.print(line, soft_wrap=whole)
+
+
+def headed(body: Body, kind: str, profile: Profile | None) -> Body:
+    """Return a result with its kind, the version and the profile before all else."""
+    if not kind:
+        return body
+    from hdbench.records import result_header
+
+    return {**result_header(kind, profile), **body}
 
 
 @dataclass(slots=True)
@@ -44,19 +54,20 @@ class Output:
     json: bool = False
     verbose: int = 0
 
-    def result(self, body: Body, lines: Lines) -> None:
-        """Print a result: the object with ``--json``, else lines, or a text as it stands."""
+    def result(
+        self, body: Body, lines: Shown, *, kind: str = "", profile: Profile | None = None
+    ) -> None:
+        """Print a result: the object with ``--json``, else lines, or a text as it stands.
+
+        With a kind the object begins with it, the version and the profile.
+        """
         if not self.json:
-            told = lines(body)
-            if isinstance(told, str):
-                click.echo(told, nl=False)
+            if isinstance(lines, str):
+                click.echo(lines, nl=False)
             else:
-                show_lines(self.console(), told)
+                show_lines(self.console(), lines)
             return
-        # a result names the version and the profile behind it, null where there is none
-        named = {"hdbench_version": __version__, "profile": None} if "schema" in body else {}
-        missing = {key: value for key, value in named.items() if key not in body}
-        click.echo(json.dumps({**body, **missing}, allow_nan=False))
+        click.echo(json.dumps(headed(body, kind, profile), allow_nan=False))
 
     def note(self, message: str) -> None:
         """Print one line to stderr, with or without ``--json``."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
     from rich.text import Text
 
+Line: TypeAlias = "RenderableType"
+Lines: TypeAlias = "Iterator[RenderableType]"
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 _PLAIN = " .:-=+*#@"
 
@@ -66,6 +68,13 @@ def table(
     for row in rows:
         out.add_row(*row)
     return out
+
+
+def styled(*parts: str | tuple[str, str]) -> Text:
+    """Return one line of parts, each a text alone or with its style."""
+    from rich.text import Text
+
+    return Text.assemble(*parts)
 
 
 def wrapped(line: str, style: str = "") -> Text:

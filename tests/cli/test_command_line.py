@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from rich.text import Text
 
 from hdbench.errors import HdbenchError
@@ -14,14 +13,6 @@ from hdbench_cli import main as main_module
 from hdbench_cli.output import Output
 
 README = Path(__file__).parents[2] / "README.md"
-
-
-def run(*words: str) -> subprocess.CompletedProcess[str]:
-    """Run one command in this process."""
-    with CliRunner().isolation() as streams:
-        code = main_module._run(words, Output(json="--json" in words))
-        out, err = (stream.getvalue().decode() for stream in streams[:2])
-    return subprocess.CompletedProcess(words, code, out, err)
 
 
 def test_help_imports_nothing_heavy():
@@ -42,50 +33,40 @@ def test_help_imports_nothing_heavy():
     assert "run-ripple" in done.stdout
 
 
-def test_json_may_stand_first_and_a_file_that_is_no_trace_is_one_object():
-    done = run("--json", "filter", str(README), "--out", "x.csv")
-    assert done.returncode == 4, done.stderr
-    error = json.loads(done.stdout)["error"]
+def test_json_may_stand_first_and_a_file_that_is_no_trace_is_one_object(hdbench):
+    out, err = hdbench("--json", "filter", README, "--out", "x.csv", code=4)
+    error = json.loads(out)["error"]
     assert (error["kind"], error["exit_code"]) == ("data", 4)
     assert error["fix"]
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in err
 
 
-def test_a_bug_gives_exit_1_and_a_traceback_only_with_v(monkeypatch):
+def test_a_bug_gives_exit_1_and_a_traceback_only_with_v(monkeypatch, capsys):
     def broken(*_arguments: object, **_named: object) -> None:
         raise RuntimeError("boom")
 
     monkeypatch.setattr(main_module.cli, "main", broken)
-    runner = CliRunner()
-    for words, shown in ((["demo"], False), (["demo", "-v"], True)):
-        with runner.isolation() as streams:
-            code = main_module._run(words, Output(verbose=int("-v" in words)))
-            err = streams[1].getvalue().decode()
-        assert code == 1
+    for output, shown in ((Output(), False), (Output(verbose=1), True)):
+        assert main_module._run(["demo"], output) == 1
+        err = capsys.readouterr().err
         assert "RuntimeError: boom" in err
         assert ("Traceback" in err) is shown
 
 
-def test_version_with_v_names_the_kernel():
-    done = run("--version", "-v")
-    assert done.returncode == 0
-    assert "kernel" in done.stdout
-    assert run("--version").stdout.startswith("hdbench ")
+def test_version_with_v_names_the_kernel(hdbench):
+    assert "kernel" in hdbench("--version", "-v")[0]
+    assert hdbench("--version")[0].startswith("hdbench ")
 
 
-def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path):
-    done = run("run-ripple", "--dry-run", "--json", "--out", str(tmp_path / "runs"))
-    assert done.returncode == 0, done.stderr
-    body = json.loads(done.stdout)
+def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path, answer):
+    body = answer("run-ripple", "--dry-run", "--out", tmp_path / "runs")
     assert body["plan"]["duration_s"] == 32.0
     assert body["limits"]["velocity_rad_s"] == 400.0
     assert not (tmp_path / "runs").exists()
 
 
-def test_json_without_a_command_is_a_wrong_use_and_one_object():
-    done = run("--json")
-    assert done.returncode == 2
-    assert json.loads(done.stdout)["error"]["kind"] == "usage"
+def test_json_without_a_command_is_a_wrong_use_and_one_object(answer):
+    assert answer(code=2)["error"]["kind"] == "usage"
 
 
 @pytest.mark.parametrize(
@@ -99,17 +80,15 @@ def test_json_without_a_command_is_a_wrong_use_and_one_object():
         (["run-ripple", "--dry-run"], "plan"),
     ],
 )
-def test_every_result_says_what_it_is_and_who_made_it(arguments, kind):
-    body = json.loads(run(*arguments, "--json").stdout)
+def test_every_result_says_what_it_is_and_who_made_it(arguments, kind, answer):
+    body = answer(*arguments)
     assert body["schema"] == f"hdbench/{kind}/1"
     assert body["hdbench_version"]
     assert body["profile"] is None or {"name", "sha256"} <= set(body["profile"])
 
 
-def test_listing_a_folder_that_is_not_there_is_an_error(tmp_path):
-    done = run("runs", "list", str(tmp_path / "nowhere"))
-    assert done.returncode == 4
-    assert "nowhere" in done.stderr
+def test_listing_a_folder_that_is_not_there_is_an_error(tmp_path, hdbench):
+    assert "nowhere" in hdbench("runs", "list", tmp_path / "nowhere", code=4)[1]
 
 
 def test_no_color_gives_plain_text_even_on_a_terminal(monkeypatch):
@@ -128,7 +107,9 @@ def test_no_color_gives_plain_text_even_on_a_terminal(monkeypatch):
         (1.1, 6, "sign of the other direction (experiments 0.0-ccw, 0.5-ccw)"),
     ],
 )
-def test_torques_against_their_direction_are_doubtful_and_not_a_bug(tmp_path, scale, code, said):
+def test_torques_against_their_direction_are_doubtful_and_not_a_bug(
+    tmp_path, scale, code, said, hdbench
+):
     rows = ["experiment,position_rad,range,direction,series,torque_nm,reading_v"]
     for position in (0.0, 0.5):
         for direction, sign in (("cw", 1.0), ("ccw", -scale)):
@@ -138,11 +119,9 @@ def test_torques_against_their_direction_are_doubtful_and_not_a_bug(tmp_path, sc
             ]
     file = tmp_path / "loads.csv"
     file.write_text("\n".join(rows) + "\n")
-    words = ("calibrate", "--from", str(file), "--no-report", "--out", str(tmp_path / "runs"))
-    done = run(*words)
-    assert done.returncode == code, done.stderr
-    assert said in done.stderr
-    assert run(*words, "--check").returncode == (code if code == 4 else 3)
+    words = ("calibrate", "--from", file, "--no-report", "--out", tmp_path / "runs")
+    assert said in hdbench(*words, code=code)[1]
+    hdbench(*words, "--check", code=code if code == 4 else 3)
 
 
 @pytest.mark.parametrize(("count", "words"), [(1, "1 problem in a.toml"), (2, "2 problems in")])

@@ -44,10 +44,10 @@ def test_the_answer_fits_one_screen_and_comes_first(two, hdbench):
     assert "a result file alone does not tell" in shown
 
 
-def test_check_exits_3_where_something_moved_and_0_where_nothing_did(two, hdbench):
+def test_check_exits_3_where_something_moved_and_0_where_nothing_did(two, hdbench, answer):
     hdbench("runs", "compare", *two, "--check", code=3)
     hdbench("runs", "compare", two[0], two[0], "--check")
-    body = json.loads(hdbench("runs", "compare", *two, "--check", "--json", code=3)[0])
+    body = answer("runs", "compare", *two, "--check", code=3)
     assert body["schema"] == "hdbench/comparison/1"
     assert body["verdict"] == "moved"
 

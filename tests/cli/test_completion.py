@@ -1,6 +1,5 @@
 """A shell completes commands, options and names, and its script is valid in that shell."""
 
-import json
 import shutil
 import subprocess
 
@@ -49,8 +48,8 @@ def test_names_of_profiles_plants_and_filters_are_completed(completed):
     assert {*PRESETS, "tuned"} <= completed("hdbench filter x.csv --model ")
 
 
-def test_the_script_comes_as_json_too(hdbench):
-    body = json.loads(hdbench("completion", "fish", "--json")[0])
+def test_the_script_comes_as_json_too(answer):
+    body = answer("completion", "fish")
     assert body["schema"] == "hdbench/completion/1"
     assert "complete" in body["script"]
 

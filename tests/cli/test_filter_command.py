@@ -32,13 +32,8 @@ def volts(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def filtered(hdbench):
-    """Return a function that filters, for the JSON that is told."""
-
-    def run(*words, code=0):
-        return json.loads(hdbench("filter", *words, "--json", code=code)[0])
-
-    return run
+def filtered(answer):
+    return lambda *words, code=0: answer("filter", *words, code=code)
 
 
 def read(path: Path) -> dict[str, np.ndarray]:

@@ -1,16 +1,15 @@
 """`hdbench gauge` draws the film and tells what a misplaced rosette does."""
 
 import csv
-import json
 import math
 from pathlib import Path
 
 import pytest
 
 
-def test_the_film_of_the_report_has_its_46_mm(tmp_path, hdbench):
+def test_the_film_of_the_report_has_its_46_mm(tmp_path, answer):
     out = tmp_path / "sub" / "film.pdf"
-    body = json.loads(hdbench("gauge", "film", "--out", out, "--json")[0])
+    body = answer("gauge", "film", "--out", out)
     assert body["schema"] == "hdbench/gauge-film/1"
     assert body["sizes_mm"]["flexspline ring, diameter"] == 46.0
     assert Path(body["files"]["pdf"]).read_bytes().startswith(b"%PDF")
@@ -32,12 +31,10 @@ def test_sizes_that_do_not_fit_exit_2_and_write_nothing(tmp_path, hdbench):
     assert not out.exists()
 
 
-def test_one_degree_is_told_in_newton_metres(tmp_path, hdbench):
+def test_one_degree_is_told_in_newton_metres(tmp_path, answer):
     table = tmp_path / "errors.csv"
-    shown = hdbench(
-        "gauge", "errors", "--circumferential", "1", "--draws", "500", "--csv", table, "--json"
-    )
-    body = json.loads(shown[0])
+    words = ("--circumferential", "1", "--draws", "500", "--csv", table)
+    body = answer("gauge", "errors", *words)
     assert body["schema"] == "hdbench/gauge-errors/1"
     row = next(r for r in body["one_off"] if r["kind"] == "circumferential")
     # 13.2 N m: 200 microstrain of a pair over 15.15 microstrain per N m

@@ -1,5 +1,7 @@
 """Mistakes of a newcomer: the message says what, where and how to mend it; the exit code fits."""
 
+import importlib
+import inspect
 import json
 import os
 import re
@@ -18,8 +20,8 @@ from click.testing import CliRunner
 from swinging_shaft import BENCH, record
 
 from hdbench_cli import main as main_module
-from hdbench_cli import options
 from hdbench_cli.next_step import after_import, after_run, after_tune
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 NAMES = ("time_s", "motor_velocity_rad_s", "torque_nm")
@@ -362,13 +364,23 @@ def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_h
 
 
 def test_every_declared_option_is_taken_by_a_command():
-    table = options._table()
+    table = declared("options")
     taken = {" ".join(path): {p.name for p in command_of(path).params} for path in COMMANDS}
-    assert set(table) == {"shared", *taken}
+    assert set(table) <= {"shared", *taken}
     assert set(table["shared"]) <= set().union(*taken.values())
-    for name, names in taken.items():
-        own = table[name].items()
-        assert {e.get("fills", key) for key, e in own if key != "example"} <= names, name
+    for name, entries in table.items():
+        own = {entry.get("fills", key) for key, entry in entries.items()}
+        assert name == "shared" or own <= taken[name], name
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
+def test_every_command_has_a_function_that_takes_what_is_declared(path):
+    module = importlib.import_module(
+        f"hdbench_cli.commands.{declared('commands')[' '.join(path)]['module']}"
+    )
+    function = getattr(module, path[-1].replace("-", "_") + "_command")
+    given = {p.name: None for p in command_of(path).params if p.expose_value}
+    inspect.signature(function).bind(Output(), **given)
 
 
 def test_the_next_command_follows_the_work():

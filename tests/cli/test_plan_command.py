@@ -5,19 +5,16 @@ import json
 from hdbench.diagnosis.planning import read_plan
 
 
-def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path, hdbench):
+def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path, answer):
     out = tmp_path / "p.toml"
-    done = hdbench(
-        "plan", "--cause", "coulomb-friction", "--cause", "zero-step", "--no-loads",
-        "--out", out, "--json",
-    )  # fmt: skip
-    body = json.loads(done[0])
+    causes = ("--cause", "coulomb-friction", "--cause", "zero-step")
+    body = answer("plan", *causes, "--no-loads", "--out", out)
     assert body["schema"] == "hdbench/plan-report/1"
     assert body["command"] == f"hdbench run-ripple --plan {out}"
     assert body["needs_operator"] is False
     assert all(pair["separated"] for pair in body["pairs"])
     assert read_plan(out).duration_s <= 180.0
-    dry = json.loads(hdbench("run-ripple", "--plan", out, "--dry-run", "--json")[0])
+    dry = answer("run-ripple", "--plan", out, "--dry-run")
     assert dry["plan"]["motion"]["name"] == body["plan"]["name"]
 
 
@@ -72,7 +69,9 @@ def test_wrong_input_is_told_in_words(tmp_path, hdbench):
     assert "motor speed 900 rad/s is above 400" in done[1]
 
 
-def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(tmp_path, hdbench, named_cause):
+def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(
+    tmp_path, hdbench, named_cause, answer
+):
     place = {"value": 74.5, "std": None, "unit": "Hz"}
     order = {"value": 3.0, "std": None, "unit": "1"}
     cause = named_cause(
@@ -89,12 +88,12 @@ def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(tmp_path, hdbenc
     }
     file = tmp_path / "result.json"
     file.write_text(json.dumps(result))
-    body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
+    body = answer("plan", "--for", file, "--no-loads")
     assert {pair["first"] for pair in body["pairs"]} == {"structural-tone", "ripple-harmonic"}
     assert all(pair["separated"] for pair in body["pairs"])
     falling = {"frequency_hz": [0.1, 1.0, 500.0], "power_nm2": [0.1, 1e-3, 1e-4]}
     file.write_text(json.dumps(result | {"settings": {"noise": falling}}))
-    body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
+    body = answer("plan", "--for", file, "--no-loads")
     assert all(pair["separated"] for pair in body["pairs"])
     for broken in ({"std_nm": 0.0}, {"frequency_hz": [1.0]}, 3):
         result["settings"] = {"noise": broken}

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 from pathlib import Path
 
 import pytest
@@ -17,12 +16,6 @@ LOADS = Path(__file__).parents[1] / "stored" / "calibration" / "loads.csv"
 
 
 @pytest.fixture
-def hdbench(hdbench):
-    """Return stdout alone."""
-    return lambda *words, code=0: hdbench(*words, code=code)[0]
-
-
-@pytest.fixture
 def runs(tmp_path, hdbench):
     """Two evaluations of one loads file, for two drives."""
     for drive in ("A-17", "=B(1)"):
@@ -30,32 +23,36 @@ def runs(tmp_path, hdbench):
     return tmp_path
 
 
-def names(text: str) -> list[str]:
-    return [run["drive"] for run in json.loads(text)["runs"]]
+@pytest.fixture
+def drives(answer):
+    """Return a function that lists runs, for their drives."""
+    return lambda *words: [run["drive"] for run in answer("runs", "list", *words)["runs"]]
 
 
-def test_runs_are_found_by_drive_and_sorted(runs, hdbench):
-    assert names(hdbench("runs", "list", runs, "--json", "--drive", "A-17")) == ["A-17"]
-    assert names(hdbench("runs", "list", runs, "--json", "--sort", "drive")) == ["=B(1)", "A-17"]
-    assert names(hdbench("runs", "list", runs, "--json", "--kind", "ripple")) == []
-    assert names(hdbench("runs", "list", runs, "--json", "--verdict", "accepted", "--since", "1d"))
-    assert names(hdbench("runs", "list", runs, "--json", "--since", "2999-01-01")) == []
-    assert "needed: a date" in hdbench("runs", "list", runs, "--json", "--since", "soon", code=2)
+def test_runs_are_found_by_drive_and_sorted(runs, hdbench, drives):
+    assert drives(runs, "--drive", "A-17") == ["A-17"]
+    assert drives(runs, "--sort", "drive") == ["=B(1)", "A-17"]
+    assert drives(runs, "--kind", "ripple") == []
+    assert drives(runs, "--verdict", "accepted", "--since", "1d")
+    assert drives(runs, "--since", "2999-01-01") == []
+    assert "needed: a date" in hdbench("runs", "list", runs, "--since", "soon", code=2)[1]
 
 
 def test_no_cell_of_the_csv_is_a_formula(runs, hdbench, tmp_path):
-    rows = list(csv.DictReader(io.StringIO(hdbench("runs", "list", runs, "--csv"))))
+    rows = list(csv.DictReader(io.StringIO(hdbench("runs", "list", runs, "--csv")[0])))
     assert sorted(row["drive"] for row in rows) == ["'=B(1)", "A-17"]
     hdbench("runs", "list", runs, "--csv", tmp_path / "list.csv", "--json")
     assert (tmp_path / "list.csv").read_text().count("\n") == 3
 
 
-def test_a_run_evaluated_again_keeps_its_drive_unless_another_is_named(runs, hdbench):
-    (run,) = json.loads(hdbench("runs", "list", runs, "--json", "--drive", "A-17"))["runs"]
+def test_a_run_evaluated_again_keeps_its_drive_unless_another_is_named(
+    runs, hdbench, answer, drives
+):
+    (run,) = answer("runs", "list", runs, "--drive", "A-17")["runs"]
     hdbench("calibrate", "--from", run["path"], "--out", runs / "again", "--no-report")
-    assert names(hdbench("runs", "list", runs / "again", "--json")) == ["A-17"]
+    assert drives(runs / "again") == ["A-17"]
     hdbench("calibrate", "--from", run["path"], "--drive", "C", "--out", runs / "x", "--no-report")
-    assert names(hdbench("runs", "list", runs / "x", "--json")) == ["C"]
+    assert drives(runs / "x") == ["C"]
 
 
 def test_a_drive_that_nobody_named_is_the_profiles(tmp_path):
@@ -67,11 +64,11 @@ def test_a_drive_that_nobody_named_is_the_profiles(tmp_path):
     assert choose_profile(str(file), None, "C").drive == "C"
 
 
-def test_notes_are_kept_and_shown(runs, hdbench):
-    (run,) = json.loads(hdbench("runs", "list", runs, "--json", "--drive", "A-17"))["runs"]
+def test_notes_are_kept_and_shown(runs, hdbench, answer):
+    (run,) = answer("runs", "list", runs, "--drive", "A-17")["runs"]
     hdbench("runs", "note", run["path"], "re-clamped")
-    assert "new gauges" in hdbench("runs", "note", run["path"], "new gauges")
-    shown = json.loads(hdbench("runs", "show", run["path"], "--json"))
+    assert "new gauges" in hdbench("runs", "note", run["path"], "new gauges")[0]
+    shown = answer("runs", "show", run["path"])
     assert [note["text"] for note in shown["notes"]] == ["re-clamped", "new gauges"]
     hdbench("runs", "note", run["path"], "a\nb", code=2)
     hdbench("runs", "note", runs, "no run", code=4)

@@ -1,6 +1,5 @@
 """`hdbench import --kind staircase` finds plateaus, tells them, and calibrate takes the file."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -28,18 +27,15 @@ def words(raw: Path, out: Path, loads: str = "0,2,4,2,0") -> list[str | Path]:
     ]  # fmt: skip
 
 
-def test_the_plateaus_are_told_and_the_file_calibrates(hdbench, raw, tmp_path):
+def test_the_plateaus_are_told_and_the_file_calibrates(hdbench, raw, tmp_path, answer):
     out = tmp_path / "loads.csv"
     text, _ = hdbench(*words(raw, out))
     assert "5 plateaus in 400 samples" in text
     assert "2 glitches left out, at 5.00, 20.00 s" in text
-    body = json.loads(hdbench(*words(raw, out), "--json")[0])
+    body = answer(*words(raw, out))
     assert body["reading_per_load"] == pytest.approx(1.5, abs=0.005)
     assert body["glitches_at_s"] == [5.0, 20.0]
-    shown, _ = hdbench(
-        "calibrate", "--from", out, "--out", tmp_path / "runs", "--no-report", "--json"
-    )
-    result = json.loads(shown)
+    result = answer("calibrate", "--from", out, "--out", tmp_path / "runs", "--no-report")
     # 1 kg on the built-in arm is 4.90325 N m, read as 1.5 V
     assert result["gain_nm_per_v"]["value"] == pytest.approx(4.90325 / 1.5, rel=0.005)
     assert result["course"]["excluded_at_s"] == [5.0, 20.0]

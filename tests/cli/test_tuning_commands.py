@@ -5,39 +5,18 @@ import gzip
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import click
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from hdbench.filter import load_filter_model, preset
 from hdbench.filter.kalman import kernel_form
 from hdbench.profile import load_profile
-from hdbench_cli.commands import filter as filter_command
-from hdbench_cli.commands import orders, response, tune
-from hdbench_cli.main import main
+from hdbench_cli.main import cli
 from hdbench_cli.output import Output
 
-
-def run(command: click.Command, *arguments: object, as_json: bool = True) -> Result:
-    words = [str(argument) for argument in arguments]
-    return CliRunner().invoke(command, words, obj=Output(json=as_json))
-
-
-def answer(command: click.Command, *arguments: object) -> dict[str, Any]:
-    """Return the JSON of a command that ends with 0."""
-    found = run(command, *arguments)
-    assert found.exit_code == 0, found.output
-    body: dict[str, Any] = json.loads(found.stdout)
-    return body
-
-
-def code(words: list[str]) -> object:
-    with pytest.raises(SystemExit) as stop:
-        main(words)
-    return stop.value.code
+OU = ("--slow", "ornstein-uhlenbeck")
 
 
 @pytest.fixture(scope="module")
@@ -65,14 +44,18 @@ def tuned(trace: Path) -> tuple[Path, dict]:
     except ValueError:
         pytest.skip("the C kernel was not compiled here")
     out = trace.parent / "tuned.json"
-    return out, answer(tune.command, trace, "--out", out, "--slow", "ornstein-uhlenbeck")
+    return out, json.loads(
+        CliRunner()
+        .invoke(cli, ["tune", *map(str, (trace, "--out", out)), *OU, "--json"], obj=Output())
+        .stdout
+    )
 
 
 def head(path: Path) -> list[str]:
     return next(csv.reader(path.read_text().splitlines()))
 
 
-def test_tune_writes_a_model_that_every_command_reads(tuned, trace):
+def test_tune_writes_a_model_that_every_command_reads(tuned, trace, answer):
     out, body = tuned
     assert body["schema"] == "hdbench/tune/1"
     assert body["converged"] is True
@@ -81,25 +64,24 @@ def test_tune_writes_a_model_that_every_command_reads(tuned, trace):
     assert model.to_dict() == body["filter"] == json.loads(out.read_text())
     assert str(trace) in " ".join(model.provenance)
     clean = trace.parent / "clean.csv"
-    body = answer(filter_command.command, trace, "--model", out, "--out", clean)
+    body = answer("filter", trace, "--model", out, "--out", clean)
     assert body["filter"]["name"] == "tuned"
     assert body["sample_flags"]["stuck"] == body["sample_flags"]["missing"] == 0
     assert head(clean)[-1] == "torque_filtered_nm"
 
 
-def test_tune_names_what_the_data_cannot_say_and_prints_it(trace, tuned):
+def test_tune_names_what_the_data_cannot_say_and_prints_it(trace, tuned, hdbench):
     assert any("output turns" in note for note in tuned[1]["notes"])
     out = trace.parent / "shown.json"
-    shown = run(tune.command, trace, "--out", out, "--slow", "random-walk", as_json=False)
-    assert shown.exit_code == 0, shown.output
+    shown, _ = hdbench("tune", trace, "--out", out, "--slow", "random-walk")
     for word in ("measurement_noise", "NIS", "Ljung-Box", "unbounded variance", str(out)):
-        assert word in shown.stdout
+        assert word in shown
 
 
-def test_an_order_of_ones_own_is_tuned_too(trace):
+def test_an_order_of_ones_own_is_tuned_too(trace, answer):
     out = trace.parent / "seven.json"
-    arguments = ("--out", out, "--slow", "ornstein-uhlenbeck", "--order", "7.9", "--gate", "0")
-    body = answer(tune.command, trace, *arguments)
+    arguments = ("--out", out, *OU, "--order", "7.9", "--gate", "0")
+    body = answer("tune", trace, *arguments)
     assert [b["order"] for b in body["filter"]["blocks"]] == [2.0, 4.0, 0.01, 7.9]
     assert "gate_sigma" not in body["filter"]
 
@@ -112,26 +94,22 @@ def test_an_order_of_ones_own_is_tuned_too(trace):
         (["--out", "t.json", "--gate", "1"], "--gate"),
     ],
 )
-def test_a_wrong_call_names_its_option(trace, monkeypatch, arguments, what, capsys):
+def test_a_wrong_call_names_its_option(trace, monkeypatch, arguments, what, hdbench):
     monkeypatch.chdir(trace.parent)
-    assert code(["tune", str(trace), *arguments]) == 2
-    assert what in capsys.readouterr().err
+    assert what in hdbench("tune", trace, *arguments, code=2)[1]
 
 
-def test_the_model_tuned_is_tuned_on_this_very_trace(trace):
+def test_the_model_tuned_is_tuned_on_this_very_trace(trace, answer):
     out = trace.parent / "own.csv"
-    model = answer(filter_command.command, trace, "--model", "tuned", "--out", out)["filter"]
+    model = answer("filter", trace, "--model", "tuned", "--out", out)["filter"]
     assert model["name"] == "tuned"
     assert str(trace) in model["provenance"]["noise"]
 
 
-def test_filter_adds_orders_and_comparison_on_request(tuned, trace, tmp_path):
+def test_filter_adds_orders_and_comparison_on_request(tuned, trace, tmp_path, answer, hdbench):
     out, plot = tmp_path / "more.csv", tmp_path / "more.svg"
-    body = answer(
-        filter_command.command,
-        trace,
-        *("--model", tuned[0], "--out", out, "--smooth", "--compare", "--plot", plot),
-    )
+    words = ("filter", trace, "--model", tuned[0], "--out", out, "--compare")
+    body = answer(*words, "--smooth", "--plot", plot)
     assert [row["name"] for row in body["orders"]] == ["order_2", "order_4", "order_0.01"]
     assert body["comparison"]["reference"] == "truth"
     names = [row["name"] for row in body["comparison"]["rows"]]
@@ -141,19 +119,13 @@ def test_filter_adds_orders_and_comparison_on_request(tuned, trace, tmp_path):
     assert columns[5] == "torque_filtered_nm"
     assert {"order_2_amplitude_nm", "order_2_phase_std_rad", "torque_lowpass_nm"} <= set(columns)
     assert plot.read_text().lstrip().startswith("<?xml")
-    shown = run(
-        filter_command.command,
-        trace,
-        *("--model", tuned[0], "--out", out, "--compare"),
-        as_json=False,
-    )
-    assert "torque kept" in shown.stdout
+    assert "torque kept" in hdbench(*words)[0]
 
 
-def test_response_gives_the_share_of_torque_that_the_report_keeps(tmp_path):
+def test_response_gives_the_share_of_torque_that_the_report_keeps(tmp_path, answer, hdbench):
     plot = tmp_path / "response.png"
     arguments = ("--model", "report-a1", "--velocity", 50, "--velocity", 156, "--plot", plot)
-    body = answer(response.command, *arguments)
+    body = answer("response", *arguments)
     assert body["schema"] == "hdbench/response/1"
     # three printed digits
     shares = [item["gain_at_zero"] for item in body["responses"]]
@@ -161,15 +133,13 @@ def test_response_gives_the_share_of_torque_that_the_report_keeps(tmp_path):
     injected = body["responses"][0]["injection"][0]
     assert injected["measured"] == pytest.approx(injected["algebra"], abs=1e-6)
     assert plot.read_bytes().startswith(b"\x89PNG")
-    text = run(response.command, "--model", "report-a1", as_json=False).stdout
-    assert "notch order 2" in text
+    assert "notch order 2" in hdbench("response", "--model", "report-a1")[0]
 
 
-def test_orders_writes_spectrum_map_and_waves(tuned, trace, tmp_path):
+def test_orders_writes_spectrum_map_and_waves(tuned, trace, tmp_path, answer):
     out, table, plot = tmp_path / "o.csv", tmp_path / "m.csv", tmp_path / "o.svg"
-    body = answer(
-        orders.command, trace, *("--model", tuned[0], "--out", out, "--map", table, "--plot", plot)
-    )
+    files = ("--out", out, "--map", table, "--plot", plot)
+    body = answer("orders", trace, "--model", tuned[0], *files)
     assert body["schema"] == "hdbench/orders/1"
     peaks = {round(p["order"]): p["amplitude_nm"] for p in body["peaks"]}
     # the slow torque's noise under the lines
@@ -181,44 +151,40 @@ def test_orders_writes_spectrum_map_and_waves(tuned, trace, tmp_path):
     assert body["angle"] == "measured"
 
 
-def test_a_picture_of_another_kind_is_refused(tmp_path, capsys):
-    assert code(["response", "--plot", str(tmp_path / "response.gif")]) == 2
-    assert ".svg" in capsys.readouterr().err
+def test_a_picture_of_another_kind_is_refused(tmp_path, hdbench):
+    assert ".svg" in hdbench("response", "--plot", tmp_path / "response.gif", code=2)[1]
 
 
 @pytest.mark.parametrize("name", ["nowhere/tuned.json", "result.json", "tuned.txt"])
-def test_tuning_checks_where_it_writes_before_it_tunes(trace, tmp_path, capsys, monkeypatch, name):
+def test_tuning_checks_where_it_writes_before_it_tunes(trace, tmp_path, monkeypatch, name, hdbench):
     def tuned_anyway(*_: object) -> None:
         raise AssertionError("tuned before the target was checked")
 
     monkeypatch.setattr("hdbench_cli.commands.tune.tune_inputs", tuned_anyway)
     (tmp_path / "result.json").write_text('{"schema": "hdbench/ripple/1"}')
-    assert code(["tune", str(trace), "--out", str(tmp_path / name)]) == 2
-    assert "--out" in capsys.readouterr().err
+    assert "--out" in hdbench("tune", trace, "--out", tmp_path / name, code=2)[1]
     assert (tmp_path / "result.json").read_text() == '{"schema": "hdbench/ripple/1"}'
 
 
-def test_the_measured_file_is_never_written_over(trace, capsys):
-    assert code(["orders", str(trace), "--out", str(trace)]) == 2
-    assert "belongs to the measured data" in capsys.readouterr().err
+def test_the_measured_file_is_never_written_over(trace, hdbench):
+    told = hdbench("orders", trace, "--out", trace, code=2)[1]
+    assert "belongs to the measured data" in told
 
 
-def test_several_inputs_are_filtered_into_a_folder_and_told_in_one_object(trace, tmp_path):
+def test_several_inputs_are_filtered_into_a_folder_and_told_in_one_object(
+    trace, tmp_path, answer, hdbench
+):
     other = tmp_path / "other.csv.gz"
     other.write_bytes(gzip.compress(trace.read_bytes()))
     out = tmp_path / "clean"
-    body = answer(filter_command.command, trace, other, "--out", out)
-    assert [result["out"] for result in body["results"]] == [
-        str(out / "trace.csv"),
-        str(out / "other.csv"),
-    ]
+    body = answer("filter", trace, other, "--out", out)
+    made = [result["out"] for result in body["results"]]
+    assert made == [str(out / "trace.csv"), str(out / "other.csv")]
     assert (out / "trace.csv").read_bytes() == (out / "other.csv").read_bytes()
-    alone = run(filter_command.command, trace, "--out", tmp_path / "one.csv")
-    single = json.loads(alone.stdout)
+    single = answer("filter", trace, "--out", tmp_path / "one.csv")
     assert {**body["results"][0], "out": ""} == {**single, "out": ""}
     assert body["schema"] == single["schema"]
-    shown = run(filter_command.command, trace, other, "--out", out, as_json=False)
-    assert "other.csv.gz" in shown.output
+    assert "other.csv.gz" in hdbench("filter", trace, other, "--out", out)[0]
 
 
 @pytest.mark.parametrize(
@@ -230,25 +196,24 @@ def test_several_inputs_are_filtered_into_a_folder_and_told_in_one_object(trace,
         ["{trace}", "{other}", "--out", "{folder}", "--compare", "--plot", "p.svg"],
     ],
 )
-def test_outputs_that_do_not_fit_several_inputs_are_refused(trace, tmp_path, words):
+def test_outputs_that_do_not_fit_several_inputs_are_refused(trace, tmp_path, words, hdbench):
     other = tmp_path / "other.csv"
     other.write_bytes(trace.read_bytes())
     names = {"trace": trace, "other": other, "folder": tmp_path / "clean", "here": tmp_path}
-    assert code(["filter", *(word.format(**names) for word in words)]) == 2
+    hdbench("filter", *(word.format(**names) for word in words), code=2)
     assert not (tmp_path / "clean").exists()
 
 
-def test_orders_of_several_inputs_come_as_a_list(trace, tmp_path):
+def test_orders_of_several_inputs_come_as_a_list(trace, tmp_path, answer):
     other = tmp_path / "other.csv"
     other.write_bytes(trace.read_bytes())
-    results = answer(
-        orders.command, trace, other, "--model", "report-6", "--out", tmp_path / "waves"
-    )["results"]
+    out = ("--out", tmp_path / "waves")
+    results = answer("orders", trace, other, "--model", "report-6", *out)["results"]
     assert results[0]["tracked"] == results[1]["tracked"]
     assert sorted(p.name for p in (tmp_path / "waves").iterdir()) == ["other.csv", "trace.csv"]
 
 
-def test_saturated_and_stuck_samples_make_the_filtered_trace_doubtful(trace, tmp_path):
+def test_saturated_and_stuck_samples_make_the_filtered_trace_doubtful(trace, tmp_path, answer):
     model, hurt = tmp_path / "m.json", tmp_path / "hurt.csv"
     limited = replace(
         preset("report-6", load_profile("cim-tr-97-06").data),
@@ -264,8 +229,7 @@ def test_saturated_and_stuck_samples_make_the_filtered_trace_doubtful(trace, tmp
     for row in rows[2000:2050]:
         row[column] = "0.25"
     hurt.write_text("\n".join(map(",".join, rows)) + "\n")
-    found = run(filter_command.command, hurt, "--model", model, "--out", tmp_path / "o.csv")
-    assert found.exit_code == 6, found.output
+    found = answer("filter", hurt, "--model", model, "--out", tmp_path / "o.csv", code=6)
     # a run of 50 equal samples is known as stuck from its 20th on
-    counts = {flag["name"]: flag["samples"] for flag in json.loads(found.stdout)["flags"]}
+    counts = {flag["name"]: flag["samples"] for flag in found["flags"]}
     assert counts == {"saturation": 10, "stuck": 31}

@@ -78,16 +78,13 @@ def command_of(words: list[str]) -> tuple[click.Command, list[str]]:
     return command, words
 
 
-def executed(tutorial: bool) -> list[str]:
-    """Return the lines to execute: those of the tutorial, or one of every other command."""
-    seen: set[tuple[str, ...]] = set()
-    # runs and a tuned model, which the lines of other commands take as they stand
-    out = [] if tutorial else ["hdbench demo", "hdbench tune last:ripple --out tuned.json"]
+def executed() -> list[str]:
+    """Return the lines to execute: those of the tutorial, then one of every other command."""
+    seen, out = set(ELSEWHERE), []
     for where, line in sorted(LINES, key=lambda found: found[0] != "tutorial.md"):
         words = shlex.split(line, comments=True)[1:]
         name = tuple(words[: len(words) - len(command_of(words)[1])])
-        own = where == "tutorial.md"
-        if own if tutorial else not own and name not in seen | ELSEWHERE | {("demo",)}:
+        if where == "tutorial.md" or name not in seen:
             out.append(line)
         seen.add(name)
     return out
@@ -149,7 +146,7 @@ def test_a_documented_line_names_options_and_values_that_exist(where, line):
     command, words = command_of(words[: words.index(">")] if ">" in words else words)
     context = click.Context(command)
     if command.name == "batch":  # it hands the options of the other command on
-        context.meta["hdbench batch: command"] = words[0]
+        context.meta["batched"] = words[0]
     values, _, order = command.make_parser(context).parse_args(list(words))
     for param in order:
         if not isinstance(param.type, click.Path) and param.name in values:
@@ -172,9 +169,8 @@ def answered(line: str, words: list[str], capsys: pytest.CaptureFixture[str]) ->
     return "" if code in allowed and "Traceback" not in told else f"{line}: exit {code}\n{told}"
 
 
-@pytest.mark.parametrize("tutorial", [True, False], ids=["tutorial", "every other command"])
 def test_the_tutorial_and_a_line_of_every_other_command_run(
-    tutorial, served, tmp_path, monkeypatch, capsys, changed_profile
+    served, tmp_path, monkeypatch, capsys, changed_profile
 ):
     monkeypatch.chdir(tmp_path)
     # runs of some seconds, calibrated at two positions: `make demo` has them at full length
@@ -190,7 +186,7 @@ def test_the_tutorial_and_a_line_of_every_other_command_run(
     monkeypatch.setattr("sys.stdin", io.StringIO())
     shutil.copytree(ROOT / "tests" / "stored", "tests/stored")
     wrong = []
-    for line in executed(tutorial):
+    for line in executed():
         if "runs/RUN1" in line:
             again = ["calibrate", "--from", "last:calibration", "--no-report"]
             wrong.append(answered("twice", again, capsys))

@@ -11,7 +11,7 @@ from runkit import write_run
 from hdbench.errors import DataError
 from hdbench.records import add_note, list_runs
 from hdbench.trend import QUANTITIES, trend_of_runs
-from hdbench_cli.commands.trend import command
+from hdbench_cli.options import declared
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
 
@@ -225,7 +225,7 @@ def hdbench(hdbench):
 
 def test_the_command_writes_csv_json_and_a_page_and_checks(year, tmp_path, hdbench):
     # the names stand in options.toml as well, so that the help imports nothing of the library
-    assert tuple(QUANTITIES) == tuple(command.params[0].type.choices)
+    assert list(QUANTITIES) == declared("options")["trend"]["quantity"]["choices"]
     page, table = tmp_path / "out" / "trend.html", tmp_path / "points.csv"
     text = hdbench("trend", "gain", year, "--html", page, "--csv", table)
     assert "re-clamped <i>" in text

@@ -7,16 +7,17 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import click
 
 from hdbench.errors import UsageError
+from hdbench.profile import Profile
+from hdbench.session.calibrating.conversation import Conversation, Unattended
+from hdbench_cli.asking.conversation import TerminalTalk
+from hdbench_cli.asking.keys import Keys
+from hdbench_cli.live.progress import progress_bar
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from hdbench.profile import Profile
-    from hdbench.session.calibrating.conversation import Conversation
 
 Who = Literal["auto", "person", "simulated"]
 
@@ -81,9 +82,6 @@ def calibration_talk(
     control: str | None,
 ) -> Iterator[tuple[Conversation, bool, Callable[[str, float], None]]]:
     """Yield who answers, whether a person practises on a simulated bench, and the progress."""
-    from hdbench.session.calibrating.conversation import Unattended
-    from hdbench_cli.live.progress import progress_bar
-
     if who == "person" and no_input:
         raise UsageError(
             "--operator person and --no-input together; needed: one",
@@ -103,8 +101,6 @@ def calibration_talk(
         with progress_bar("calibration") as progress:
             yield Unattended(output.note), False, progress
         return
-    from hdbench_cli.asking.conversation import TerminalTalk
-    from hdbench_cli.asking.keys import Keys
 
     with Keys().opened() as keys:
         talk = TerminalTalk(keys, Output.console(stderr=True), practice=simulated)

@@ -7,32 +7,34 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from hdbench.batch import (
+    BatchFolder,
+    Input,
+    Workers,
+    expand_inputs,
+    run_tasks,
+    stamps_of,
+    summary_of,
+)
 from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, Stopped, UsageError
 from hdbench.system.processes import usable_cores
-from hdbench_cli.commands.batch_options import Asked, BatchOptions, Job
+from hdbench_cli.commands.batch_options import Asked, Job
 from hdbench_cli.commands.batch_task import COMMANDS, run_one
 from hdbench_cli.live.progress import progress_bar
-from hdbench_cli.options import declared, newest_run
+from hdbench_cli.options import newest_run
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from hdbench.batch import BatchFolder, Input, Workers
 
 # failed inputs named on the screen: the table has them all
 _MOST_LINES = 10
 
 
-@declared(
-    "batch",
-    "name inputs stored out resume workers scheduler retries memory",
-    cls=BatchOptions,
-)
-def command(
+def batch_command(
     output: Output,
     /,
     name: str,
@@ -45,18 +47,7 @@ def command(
     memory: str,
     **_options: Any,
 ) -> None:
-    """Run COMMAND over many inputs: one result each as the command writes it, and one table.
-
-    COMMAND is import, inspect, diagnose, orders, run-ripple, run-misalignment, calibrate (these
-    three evaluate stored data, as with --from), filter, tune (one model an input) or regress. Its
-    own options may be given too: hdbench batch COMMAND --help lists them.
-
-    An INPUT is a file, a run folder, a folder of both, a pattern in quotes, or a list: a CSV file
-    with the column input and, where wanted, profile, calibration and drive. An input that fails is
-    a row with its error. Ctrl-C stops; what is done is kept. Exits 6 where inputs failed.
-    """
-    from hdbench.batch import BatchFolder, Workers, expand_inputs
-
+    """Run COMMAND over many inputs: one result each as the command writes it, and one table."""
     ctx = click.get_current_context()
     _require()
     kind = COMMANDS[name]
@@ -81,8 +72,6 @@ def command(
 
 def _require() -> None:
     """Name the extra before anything is made."""
-    from importlib.util import find_spec
-
     missing = [name for name in ("distributed", "pyarrow") if find_spec(name) is None]
     if missing:
         raise UsageError(
@@ -107,8 +96,6 @@ class _Run:
 
     def run(self, workers: Workers) -> None:
         """Compute what is missing."""
-        from hdbench.batch import run_tasks
-
         todo = [task for number in range(len(self._inputs)) if (task := self._task(number))]
         if not todo:
             return
@@ -127,8 +114,6 @@ class _Run:
 
     def _task(self, number: int) -> dict[str, Any] | None:
         """Return what a worker has to do; None where the result is there."""
-        from hdbench.batch import stamps_of
-
         entry, job, name = self._inputs[number]
         known = self._folder.kept(entry, job.digest)
         if known and known["stamps"] and known["stamps"] == stamps_of(entry.path):
@@ -226,15 +211,11 @@ def _stopped(
 
 def _tell(output: Output, batch: _Run, out: Path) -> None:
     """Print the table or its summary, and end with the code of the worst."""
-    from hdbench.batch import summary_of
-    from hdbench.records import result_header
-
     rows = batch.told()
     summary = summary_of(rows, batch.kept)
-    header = result_header("batch", None)
-    body = {**header, "command": batch.name, "out": str(out), **summary, "rows": rows}
+    body = {"command": batch.name, "out": str(out), **summary, "rows": rows}
 
-    def lines(_body: object) -> Iterator[str]:
+    def lines() -> Iterator[str]:
         parts = [f"{count} {word}" for word, count in summary.items() if count or word == "done"]
         yield ", ".join(parts)
         bad = [row for row in rows if row["result"] is None]
@@ -243,7 +224,7 @@ def _tell(output: Output, batch: _Run, out: Path) -> None:
             yield f"  and {len(bad) - _MOST_LINES} more: see the column error"
         yield f"table  {out / 'batch.csv'}"
 
-    output.result(body, lines)
+    output.result(body, lines(), kind="batch")
     output.end(_error(rows, summary, out))
 
 

@@ -1,54 +1,22 @@
-"""Options of `hdbench batch`: its own, those of the command that it runs, and what they mean."""
+"""What a batch asks of every input: options of the command that it runs, and their meaning."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
+from hdbench import __version__
+from hdbench.batch import Input, content_of
 from hdbench.errors import UsageError, nothing_stored
-from hdbench_cli.commands.batch_task import COMMANDS
+from hdbench.profile import load_profile
+from hdbench_cli.commandline import batch_options
 from hdbench_cli.inputs import DEFAULT_PROFILE
-
-if TYPE_CHECKING:
-    from hdbench.batch import Input
-
-# options of a command that a batch sets itself, that measure, or that name one file for all inputs
-_NOT_HERE = {
-    "address", "control", "drive", "dry_run", "html_file", "json", "junit", "list_causes",
-    "map_file", "mistakes", "no_input", "out", "plan_file", "plant", "plot", "preset", "realtime",
-    "source", "update", "verbose", "who", "yes",
-}  # fmt: skip
-_NAME = "hdbench batch: command"
-
-
-class BatchOptions(click.Command):
-    """A command that also takes the options of the command that it runs."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Find the command among the words, and with it the options that may stand there."""
-        ctx.meta[_NAME] = next((word for word in args if word in COMMANDS), None)
-        return super().parse_args(ctx, args)
-
-    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the options of batch, and those of the command."""
-        return [*super().get_params(ctx), *_options_of(ctx.meta.get(_NAME))]
-
-
-def _options_of(name: str | None) -> list[click.Parameter]:
-    """Return the options of a command that a batch hands on."""
-    from hdbench_cli.main import cli
-
-    target = None if name is None else cli.get_command(click.Context(cli), name)
-    return [
-        option
-        for option in (() if target is None else target.params)
-        if isinstance(option, click.Option) and option.name not in _NOT_HERE
-    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,16 +33,11 @@ class Asked:
     def __init__(self, name: str, ctx: click.Context) -> None:
         self._name = name
         self._words = [*_words(ctx, name)]
-        self._known = {option for param in _options_of(name) for option in param.opts}
+        self._known = {option for param in batch_options(name) for option in param.opts}
         self._digests: dict[str, str] = {}
 
     def job(self, entry: Input) -> Job:
         """Return what is asked of one input."""
-        import hashlib
-        import json
-
-        from hdbench import __version__
-
         given = {"--profile": entry.profile, "--calibration": entry.calibration}
         words = list(self._words)
         for option, value in given.items():
@@ -98,16 +61,12 @@ class Asked:
 
     def _meaning(self, value: str) -> str:
         """Return the digest of what a word names, else the word."""
-        from hdbench.batch import content_of
-
         if value not in self._digests:
             found = bool(value) and Path(value).exists()
             self._digests[value] = content_of(Path(value)).sha256 if found else value
         return self._digests[value]
 
     def _profile(self, name: str) -> str:
-        from hdbench.profile import load_profile
-
         key = f"profile {name}"
         if key not in self._digests:
             self._digests[key] = load_profile(name).sha256
@@ -116,7 +75,7 @@ class Asked:
 
 def _words(ctx: click.Context, name: str) -> Iterator[tuple[str, str]]:
     """Yield the options that were typed for the command, each with its value, empty for a flag."""
-    for option in _options_of(name):
+    for option in batch_options(name):
         key = str(option.name)
         if ctx.get_parameter_source(key) is not ParameterSource.COMMANDLINE:
             continue
@@ -124,8 +83,7 @@ def _words(ctx: click.Context, name: str) -> Iterator[tuple[str, str]]:
         for one in value if option.multiple else (value,):
             if isinstance(one, Path) and not one.exists():
                 raise nothing_stored(one)
-            flag = isinstance(option, click.Option) and option.is_flag
-            yield option.opts[0], "" if flag else str(one)
+            yield option.opts[0], "" if option.is_flag else str(one)
 
 
 def _absolute(value: str) -> str:

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import HdbenchError
-from hdbench_cli.output import Body, Lines, Output
+from hdbench.profile import Profile
+from hdbench_cli.output import Body, Output, Shown, headed
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +64,11 @@ class _Kept(Output):
     failure: HdbenchError | None = None
     notes: list[str] = field(default_factory=list)
 
-    def result(self, body: Body, lines: Lines) -> None:
+    def result(
+        self, body: Body, lines: Shown, *, kind: str = "", profile: Profile | None = None
+    ) -> None:
         """Keep the result."""
-        self.body = body
+        self.body = headed(body, kind, profile)
 
     def note(self, message: str) -> None:
         """Keep a line."""

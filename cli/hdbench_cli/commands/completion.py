@@ -6,8 +6,8 @@ import contextlib
 import io
 
 import click
+from click.shell_completion import get_completion_class
 
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 # the shell hands over what is typed so far in this variable and those beside it
@@ -19,15 +19,8 @@ _INSTALL = {
 }
 
 
-@declared("completion")
-def command(output: Output, shell: str) -> None:
-    """Print the completion script of a shell.
-
-    It completes commands, options, profiles, plants, filter models and files. Write it where the
-    shell looks for it, and open a new shell.
-    """
-    from click.shell_completion import get_completion_class
-
+def completion_command(output: Output, shell: str) -> None:
+    """Print the completion script of a shell."""
     from hdbench_cli.main import cli
 
     completion = get_completion_class(shell)
@@ -39,6 +32,5 @@ def command(output: Output, shell: str) -> None:
         script = completion(cli, {}, "hdbench", _VARIABLE).source()
     if told.getvalue().strip():
         output.note(told.getvalue().strip())
-    body = {"schema": "hdbench/completion/1", "shell": shell, "script": script}
-    output.result(body, lambda _body: f"{script}\n")
+    output.result({"shell": shell, "script": script}, f"{script}\n", kind="completion")
     output.note(f"to install it: {_INSTALL[shell]}")

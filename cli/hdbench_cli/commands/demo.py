@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from hdbench.devices.operator import hidden_effects
+from hdbench.diagnosis import Diagnosis, diagnose_run, diagnose_trace
+from hdbench.model import load_model, simulate_like, with_noise
+from hdbench.profile import Profile, load_profile
+from hdbench.records import read_trace, resolve_input
+from hdbench.session import BenchOptions, run_experiment
+from hdbench_cli.commands import diagnosis_text
+from hdbench_cli.commands.experiment_text import LINES, calibration_summary
 from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import declared
+from hdbench_cli.live.progress import progress_bar
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from hdbench.diagnosis import Diagnosis
-    from hdbench.profile import Profile
+from hdbench_cli.text import Lines, styled
 
 _KINDS = ("calibration", "misalignment", "ripple")
 
 
 def _runs(output: Output, profile: Profile, out: Path, plant: str, seed: int) -> dict[str, Any]:
-    from hdbench.session import BenchOptions, run_experiment
-    from hdbench_cli.live.progress import progress_bar
-
     done: dict[str, Any] = {}
     for kind in _KINDS:
         options = BenchOptions(
@@ -51,54 +53,31 @@ def _hidden_line(effect: Mapping[str, Any]) -> str:
 
 def _again(profile: Profile, trace_run: Path, model_file: Path) -> str:
     """Return the verdict on a record that the extended model simulates."""
-    import numpy as np
-
-    from hdbench.diagnosis import diagnose_trace
-    from hdbench.model import load_model, simulate_like, with_noise
-    from hdbench.records import read_trace, resolve_input
-
     model = load_model(model_file)
     simulated = simulate_like(read_trace(resolve_input(trace_run)), profile.data, model)
     noisy = with_noise(simulated, profile.data.sensor.noise_nm, np.random.default_rng(0))
     return diagnose_trace(noisy, profile, model=model).verdict
 
 
-def _lines(body: Mapping[str, Any], found: Diagnosis) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any], found: Diagnosis) -> Lines:
     from rich.rule import Rule
-    from rich.text import Text
 
-    from hdbench_cli.commands import calibrate, diagnosis_text, run_misalignment, run_ripple
-
-    shown: dict[str, Callable[[Any], Iterable[RenderableType]]] = {
-        "calibration": calibrate.summary,
-        "misalignment": run_misalignment.lines,
-        "ripple": run_ripple.lines,
-        "diagnosis": lambda _: diagnosis_text.lines(found, Path(body["runs"][-1])),
-    }
-    for kind, lines in shown.items():
-        yield Rule(Text(kind, style="bold"), align="left")
+    for kind, lines in {**LINES, "calibration": calibration_summary}.items():
+        yield Rule(styled((kind, "bold")), align="left")
         yield from lines(body["results"][kind])
-    yield Rule(Text("what the plant had hidden", style="bold"), align="left")
+    yield Rule(styled(("diagnosis", "bold")), align="left")
+    yield from diagnosis_text.lines(found, Path(body["runs"][-1]))
+    yield Rule(styled(("what the plant had hidden", "bold")), align="left")
     yield from map(_hidden_line, body["hidden"])
     verdict = body["extended_model_verdict"]
     yield f"the extended model, simulated and diagnosed again: {verdict}"
     yield f"\n{body['seconds']:.0f} s. Open the report:"
-    yield Text(body["report"], style="bold")
+    yield styled((body["report"], "bold"))
 
 
-@declared("demo")
-def command(output: Output, out: Path, plant: str, seed: int) -> None:
-    """Run the whole bench in about a minute, without hardware.
-
-    Calibrate, measure misalignment and ripple, let the diagnosis find the faults of the plant, and
-    write one report.
-    """
-    from hdbench.devices.operator import hidden_effects
-    from hdbench.diagnosis import diagnose_run
-    from hdbench.profile import load_profile
-    from hdbench.records import result_header
+def demo_command(output: Output, out: Path, plant: str, seed: int) -> None:
+    """Run the whole bench in about a minute, without hardware."""
     from hdbench.report import write_report
-    from hdbench_cli.live.progress import progress_bar
 
     started = time.monotonic()
     profile = load_profile(DEFAULT_PROFILE)
@@ -117,7 +96,6 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     write_report(folders, report, profile=profile)
     results = {kind: done[kind].result.to_json() for kind in _KINDS}
     body = {
-        **result_header("demo", profile),
         "seconds": time.monotonic() - started,
         "results": {**results, "diagnosis": found.to_json()},
         "hidden": [dict(effect) for effect in hidden],
@@ -125,4 +103,4 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
         "runs": [str(path) for path in folders],
         "report": str(report),
     }
-    output.result(body, lambda whole: _lines(whole, found))
+    output.result(body, _lines(body, found), kind="demo", profile=profile)

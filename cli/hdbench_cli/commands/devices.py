@@ -4,34 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
-from hdbench_cli.options import declared
+from hdbench.devices.serial_ports import SerialPort, find_ports, probe_port
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from hdbench.devices.serial_ports import SerialPort
 
 _SLOW_MS = 2  # of an FTDI adapter; its 16 ms at the start are longer than a whole exchange
 
 
-@declared("devices")
-def command(output: Output, probe: bool) -> None:
-    """List the serial ports of this computer with their USB identity.
-
-    Without --probe nothing is opened or sent. With --probe every port that this user may open gets
-    the requests of the installed drivers. To another device these are unknown bytes: leave --probe
-    out where that matters.
-    """
-    from hdbench.devices.serial_ports import find_ports, probe_port
-    from hdbench.records import result_header
-
+def devices_command(output: Output, probe: bool) -> None:
+    """List the serial ports of this computer with their USB identity."""
     ports = find_ports()
     answers = [probe_port(port) if probe and port.accessible else "" for port in ports]
     asked = list(zip(ports, answers, strict=True))
     found = [{**asdict(port), "answers": answer or None} for port, answer in asked]
-    body = {**result_header("devices", None), "probed": probe, "ports": found}
-    output.result(body, lambda _body: _lines(asked))
+    body = {"probed": probe, "ports": found}
+    output.result(body, _lines(asked), kind="devices")
 
 
 def _lines(asked: list[tuple[SerialPort, str]]) -> Iterator[str]:

@@ -2,36 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hdbench.diagnosis import Diagnosis, DiagnosisOptions, diagnose_run, diagnose_runs_together
 from hdbench.errors import DoubtfulDataError, LimitError, UsageError
+from hdbench.model import describe_causes, user_causes
+from hdbench.profile import Profile
+from hdbench.records import result_header
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
+from hdbench_cli.live.progress import progress_bar
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from hdbench.diagnosis import Diagnosis
-    from hdbench.profile import Profile
+from hdbench_cli.text import Lines
 
 
 def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
-    from hdbench.model import describe_causes, user_causes
 
     causes = describe_causes(user_causes(cause_files))
     rows = [f"{cause['name']:<28}{cause['equation']}" for cause in causes]
-    output.result({"schema": "hdbench/causes/1", "causes": causes}, lambda _body: rows)
+    output.result({"causes": causes}, rows, kind="causes")
 
 
-@declared(
-    "diagnose",
-    "sources profile_name model_file drive out materiality baseline cause_files from_s to_s "
-    "together check list_causes seed",
-)
-def command(
+def diagnose_command(
     output: Output,
     /,
     sources: tuple[Path, ...],
@@ -43,11 +36,7 @@ def command(
     list_causes: bool,
     **asked: Any,
 ) -> None:
-    """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
-
-    Every input makes a run folder with the result, the extended model, the residual before and
-    after, and its spectra.
-    """
+    """Show what the simulation gets wrong, name the cause, extend the model, measure the gain."""
     if list_causes:
         _list_causes(output, asked["cause_files"])
         return
@@ -57,9 +46,7 @@ def command(
             where="hdbench diagnose",
             fix="name a run folder, a trace or a loads file, or ask for --list-causes",
         )
-    from hdbench.diagnosis import DiagnosisOptions, diagnose_run, diagnose_runs_together
     from hdbench_cli.commands import diagnosis_text
-    from hdbench_cli.live.progress import progress_bar
 
     options = DiagnosisOptions(**asked)
     profiles = [choose_profile(profile_name, source, drive) for source in sources]
@@ -76,14 +63,14 @@ def command(
         with progress_bar("diagnose") as progress:
             done.append(diagnose_run(source, profile, out=out, options=options, progress=progress))
     bodies = [_named(found, folder) for folder, found in done]
-    whole = bodies[0] if len(bodies) == 1 else {"schema": "hdbench/list/1", "diagnoses": bodies}
+    whole = bodies[0] if len(bodies) == 1 else {**result_header("list", None), "diagnoses": bodies}
 
-    def lines(_whole: object) -> Iterator[RenderableType]:
+    def lines() -> Lines:
         for folder, found in done:
             yield from diagnosis_text.lines(found, folder)
             yield f"{'run':<11}{folder}"
 
-    output.result(whole, lines)
+    output.result(whole, lines())
     _end(output, done, check)
 
 

@@ -13,8 +13,18 @@ import numpy as np
 from hdbench.records import FloatArray
 from hdbench.report.diagnosis.folder import read_columns
 from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
+from hdbench.results.diagnosis import (
+    DiagnosedPart,
+    DiagnosisResult,
+    NamedCause,
+    ParameterValue,
+    RecordPart,
+    Unexplained,
+    Voice,
+)
 from hdbench_cli.output import Output
 from hdbench_cli.text import (
+    Lines,
     probability,
     sparkline,
     with_uncertainty,
@@ -23,17 +33,7 @@ from hdbench_cli.text import (
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.text import Text
 
-    from hdbench.results.diagnosis import (
-        DiagnosedPart,
-        DiagnosisResult,
-        NamedCause,
-        ParameterValue,
-        RecordPart,
-        Unexplained,
-        Voice,
-    )
 
 _VERDICTS = {
     "nothing-found": "Nothing found: the simulation explains the measurement.",
@@ -73,7 +73,7 @@ _SKETCHES = {
 
 def lines(
     result: DiagnosisResult, folder: Path | None = None, console: Console | None = None
-) -> Iterator[str | Text]:
+) -> Lines:
     """Yield a diagnosis, with curves from the files in its folder where there is one.
 
     Sentences may be wrapped; curves, and a command to copy, stay on one line.
@@ -119,7 +119,7 @@ def lines(
         yield from _labelled("flag", f"{flag.name}: {flag.samples} samples, {span}")
 
 
-def _labelled(label: str, words: str) -> Iterator[Text]:
+def _labelled(label: str, words: str) -> Lines:
     """Yield words behind their label; nothing where there are none."""
     if words:
         yield wrapped(f"{label:<{_LABEL}}{words}")
@@ -191,7 +191,7 @@ def _parameter(name: str, found: ParameterValue) -> str:
     return f"{plain.replace('_', ' ')} {number}".rstrip()
 
 
-def _cause(cause: NamedCause) -> Iterator[Text]:
+def _cause(cause: NamedCause) -> Lines:
     others = [name for name in (*cause.group, *cause.rivals) if name != cause.name]
     head = wrapped(cause.name, "bold")
     if others:
@@ -252,7 +252,7 @@ def _sketch(domain: str, folder: Path, width: int, plain: bool) -> Iterator[str]
     yield f"  {before} -> {after}  {words} {table[axis][0]:.3g} to {table[axis][-1]:.3g}"
 
 
-def _place(place: Unexplained) -> Iterator[Text]:
+def _place(place: Unexplained) -> Lines:
     low, high = place.extent
     unit = "" if place.unit == "1" else f" {place.unit}"
     second = f", with {place.second_domain}" if place.second_domain else ""
@@ -265,7 +265,7 @@ def _place(place: Unexplained) -> Iterator[Text]:
     yield wrapped(f"  size {place.size_nm:.3g} N m, {share:.1f} % of the residual variance")
 
 
-def _baseline(settings: Mapping[str, Any]) -> Iterator[Text]:
+def _baseline(settings: Mapping[str, Any]) -> Lines:
     """Yield the ripple that the baseline took, and what the motion cannot tell from the zero."""
     ripple = [
         f"order {one['order']:g}: {_size(one['amplitude_nm'], one['std_nm'], 'N m')}"
@@ -282,7 +282,7 @@ def _baseline(settings: Mapping[str, Any]) -> Iterator[Text]:
         yield wrapped(f"{'cannot tell':<{_LABEL}} the zero from {names} ({own} of its own)")
 
 
-def _gain(result: DiagnosisResult, folder: Path | None) -> Iterator[str | Text]:
+def _gain(result: DiagnosisResult, folder: Path | None) -> Lines:
     """Yield what the extended model gains, the next run, and what would have been seen."""
     before, after = result.simulated.heldout_rms_nm, result.extended.heldout_rms_nm
     if before is not None and after is not None:

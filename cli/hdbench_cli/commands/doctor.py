@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator
 from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from hdbench import __version__
 from hdbench.errors import HdbenchError, LimitError, Stopped, UsageError
+from hdbench.filter import kernel_name, kernel_reason
+from hdbench.profile import Profile, load_profile
+from hdbench.session.doctor import (
+    Finding,
+    check_bench,
+    check_calibration,
+    check_computer,
+    check_ports,
+)
+from hdbench.session.stop import StopRequested, listen
+from hdbench.session.watchdogproof import WatchdogProof, creep_rad_s, prove_watchdog
 from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.text import Text
-
-    from hdbench.profile import Profile
-    from hdbench.session.doctor import Finding
-    from hdbench.session.watchdogproof import WatchdogProof
+from hdbench_cli.text import Lines, styled
 
 _PROOF_FIX = "let nothing move here until the device's watchdog stops the motor"
 # lines that are well, and say what could still be done
@@ -29,11 +34,6 @@ _HINTS = ("filter kernel", "watchdog", "calibration", "clock")
 
 def version_facts() -> dict[str, str]:
     """Return versions of hdbench, its filter kernel and the libraries under it."""
-    from importlib.metadata import version
-
-    from hdbench import __version__
-    from hdbench.filter import kernel_name, kernel_reason
-
     return {
         "hdbench_version": __version__,
         "kernel": f"{kernel_name()} ({kernel_reason()})",
@@ -43,8 +43,7 @@ def version_facts() -> dict[str, str]:
     }
 
 
-@declared("doctor")
-def command(
+def doctor_command(
     output: Output,
     profile_name: str | None,
     address: str | None,
@@ -53,24 +52,7 @@ def command(
     yes: bool,
     no_input: bool,
 ) -> None:
-    """Check this computer, the profile and the bench; each line with its fix.
-
-    Exits 3 when a line fails. Without --prove-watchdog the motor does not move. With it the motor
-    turns at 2 % of its speed limit; then this computer falls silent, and the device itself has to
-    stop it. Do that once per bench. This is no safety function: a bench needs a hard-wired
-    emergency stop.
-    """
-    from datetime import UTC, datetime
-
-    from hdbench.profile import load_profile
-    from hdbench.session.doctor import (
-        Finding,
-        check_bench,
-        check_calibration,
-        check_computer,
-        check_ports,
-    )
-
+    """Check this computer, the profile and the bench; each line with its fix."""
     findings = check_computer(out)
     proof = None
     try:
@@ -93,9 +75,6 @@ def _proof(
     output: Output, profile: Profile, address: str | None, *, yes: bool, no_input: bool
 ) -> WatchdogProof:
     """Ask, then prove."""
-    from hdbench.session.stop import StopRequested, listen
-    from hdbench.session.watchdogproof import creep_rad_s, prove_watchdog
-
     where = address or profile.data.daq.address
     speed = creep_rad_s(profile.data)
     if not yes:
@@ -121,28 +100,18 @@ def _proof(
 
 def _tell(output: Output, findings: list[Finding], proof: WatchdogProof | None) -> None:
     ok = all(line.ok for line in findings)
-    body = {
-        "schema": "hdbench/doctor/1",
-        "ok": ok,
-        "lines": [asdict(line) for line in findings],
-        **version_facts(),
-    }
+    body = {"ok": ok, "lines": [asdict(line) for line in findings], **version_facts()}
     if proof is not None:
         body["watchdog_proof"] = asdict(proof)
-    output.result(body, lambda _body: _lines(findings))
-    if ok:
-        return
-    if output.json:
-        raise click.exceptions.Exit(LimitError.exit_code)
-    raise LimitError("a check failed", where="doctor", fix="see the lines above")
+    output.result(body, _lines(findings), kind="doctor")
+    if not ok:
+        output.end(LimitError("a check failed", where="doctor", fix="see the lines above"))
 
 
-def _lines(findings: list[Finding]) -> Iterator[str | Text]:
-    from rich.text import Text
-
+def _lines(findings: list[Finding]) -> Lines:
     for line in findings:
         mark = ("ok   ", "green") if line.ok else ("FAIL ", "bold red")
-        yield Text.assemble(mark, f"{line.name:14s} {line.found}")
+        yield styled(mark, f"{line.name:14s} {line.found}")
         if line.fix and not line.ok:
             yield f"       fix: {line.fix}"
         elif line.fix and line.name in _HINTS:

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from hdbench.devices.emulator.machine import Pace
+from hdbench.devices.emulator.server import Wire
+from hdbench.devices.emulator.serving import EmulatorSettings, emulate
 from hdbench.errors import UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from hdbench.devices.emulator.server import Wire
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
-@declared(
-    "emulate",
-    "profile_name plant model_file seed port wire rtu listen unprotected pace record",
-)
-def command(
+def emulate_command(
     output: Output,
     profile_name: str | None,
     plant: str,
@@ -32,17 +25,10 @@ def command(
     wire: Wire,
     listen: str,
     unprotected: bool,
-    pace: str,
+    pace: Pace,
     record: Path | None,
 ) -> None:
-    """Serve the emulated bench on its own wire until Ctrl-C or SIGTERM.
-
-    The profile says which device is emulated. Prints the address that --address of the other
-    commands takes. It is open to this machine only: Modbus has no authentication.
-    """
-    from hdbench import __version__
-    from hdbench.devices.emulator.serving import EmulatorSettings, emulate
-
+    """Serve the emulated bench on its own wire until Ctrl-C or SIGTERM."""
     _check_listen(listen, unprotected=unprotected)
     profile = choose_profile(profile_name, None)
 
@@ -50,29 +36,12 @@ def command(
         address = str(found["address"])
         parts = [found[name] for name in ("inputs", "outputs") if name in found]
         each = [str(part["address"]) for part in parts if isinstance(part, dict)]
-        output.result(
-            {
-                "schema": "hdbench/emulator/1",
-                "hdbench_version": __version__,
-                "profile": {"name": profile.name, "sha256": profile.sha256},
-                **found,
-                **_host_and_port(address),
-                "plant": plant,
-                "seed": seed,
-                "pace": pace,
-            },
-            lambda _body: each or [address],
-        )
+        served = {**found, **_host_and_port(address), "plant": plant, "seed": seed, "pace": pace}
+        output.result(served, each or [address], kind="emulator", profile=profile)
         output.note(f"lock and weights by a simulated operator: --control {found['control']}")
         output.note("serving until Ctrl-C")
 
-    settings = EmulatorSettings(
-        host=listen,
-        port=port,
-        pace="fast" if pace == "fast" else "realtime",
-        record=record,
-        wire=wire,
-    )
+    settings = EmulatorSettings(host=listen, port=port, pace=pace, record=record, wire=wire)
     emulate(profile.data, plant, seed, settings, ready=ready, model_file=model_file)
 
 

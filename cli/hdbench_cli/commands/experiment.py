@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hdbench.devices.operator import parse_mistakes
+from hdbench.diagnosis.planning import read_plan
+from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.errors import DoubtfulDataError, LimitError, UsageError
+from hdbench.profile import Profile
+from hdbench.profile.scaling import checked_age, read_calibration
+from hdbench.records import RunFolder
+from hdbench.records.exporting import export_records, gather
+from hdbench.records.parquetfile import require_parquet
+from hdbench.records.runfolder import utc_now
+from hdbench.ripple import Stretch
+from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, make_plan, run_experiment
+from hdbench.session.calibrating.plan import Preset
+from hdbench.session.experiments import resume_run, stored_address, stored_profile
+from hdbench.session.plans import Plan
 from hdbench_cli.asking.operator import ConsoleOperator, Who, calibration_talk, silent
+from hdbench_cli.commands.experiment_text import LINES, doubts_of, failed
 from hdbench_cli.inputs import choose_profile
+from hdbench_cli.live.view import live_view
 from hdbench_cli.next_step import after_run, next_line
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from hdbench.diagnosis.planning.segments import MotionPlan
-    from hdbench.profile import Profile
-    from hdbench.ripple import Stretch
-    from hdbench.session import BenchOptions, RunOutcome
-    from hdbench.session.calibrating.plan import Preset
-    from hdbench.session.plans import Plan
+from hdbench_cli.text import Lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +63,26 @@ class Request:
     mistakes: str = ""
 
 
-def shown_of(kind: str) -> ModuleType:
-    """Return the command module of a kind of run: its `lines` show a result, `failed` judges it."""
-    name = {"calibration": "calibrate", "misalignment": "run_misalignment", "ripple": "run_ripple"}
-    return importlib.import_module(f"hdbench_cli.commands.{name[kind]}")
+def calibrate_command(output: Output, /, **options: Any) -> None:
+    """Calibrate the torque sensor."""
+    run(output, Request("calibration", **options))
 
 
-def doubts_of(result: Mapping[str, Any]) -> list[str]:
-    """Return every reason to doubt a result: what the run saw and what its data show."""
-    flags = [str(flag["detail"]) for flag in result.get("flags", ())]
-    return [*map(str, result.get("doubts", ())), *flags]
+def run_misalignment_command(output: Output, /, **options: Any) -> None:
+    """Measure the misalignment torque."""
+    run(output, Request("misalignment", **options))
+
+
+def run_ripple_command(
+    output: Output,
+    /,
+    velocity_above: float | None,
+    from_s: float | None,
+    to_s: float | None,
+    **options: Any,
+) -> None:
+    """Measure the torque ripple."""
+    run(output, Request("ripple", stretch=Stretch(velocity_above, from_s, to_s), **options))
 
 
 def run(output: Output, request: Request) -> None:
@@ -80,8 +95,6 @@ def run(output: Output, request: Request) -> None:
             fix="leave out --from to measure, or --plan to evaluate again",
         )
     if request.form == "parquet":
-        from hdbench.records.parquetfile import require_parquet
-
         require_parquet("--format parquet")
     if request.dry_run:
         _show_plan(output, request, profile)
@@ -89,8 +102,6 @@ def run(output: Output, request: Request) -> None:
     if request.source is not None:
         folder, result = _from_stored(request, request.source, profile)
     else:
-        from hdbench.session import run_experiment
-
         with _watched(output, request, profile) as (options, progress):
             outcome = run_experiment(request.kind, profile, options, progress)
         folder, result = _outcome(outcome)
@@ -99,17 +110,16 @@ def run(output: Output, request: Request) -> None:
     _present(output, request, profile, folder, result)
 
 
-def resume(output: Output, path: Path, **options: Any) -> None:
+def resume_command(output: Output, /, run: Path, realtime: bool, **options: Any) -> None:
     """Go on with a run that was stopped, and show its result."""
-    from hdbench.records import RunFolder
-    from hdbench.session.experiments import resume_run, stored_address, stored_profile
-
-    folder = RunFolder.open(path)
-    request = Request(str(folder.manifest["kind"]), out=path.parent, **options)
-    request = replace(request, address=request.address or stored_address(folder))
+    folder = RunFolder.open(run)
+    request = Request(str(folder.manifest["kind"]), out=run.parent, **options)
+    # without the option the bench keeps time as it did before
+    address = request.address or stored_address(folder)
+    request = replace(request, address=address, realtime=realtime or None)
     profile = stored_profile(folder)
     with _watched(output, request, profile) as (asked, progress):
-        outcome = resume_run(path, asked, progress)
+        outcome = resume_run(run, asked, progress)
     _present(output, request, profile, *_outcome(outcome))
 
 
@@ -122,10 +132,6 @@ def _watched(
     output: Output, request: Request, profile: Profile
 ) -> Iterator[tuple[BenchOptions, Callable[[str, float], None]]]:
     """Yield the options of a run and its progress: with who answers, or with a live view."""
-    from hdbench.devices.operator import parse_mistakes
-    from hdbench.session import BenchOptions
-    from hdbench_cli.live.view import live_view
-
     person = request.yes or not request.no_input
     asked = {entry.name: getattr(request, entry.name) for entry in fields(request)}
     of_person = {
@@ -154,7 +160,6 @@ def _motion(request: Request) -> MotionPlan | None:
     """Return the content of the plan file that was asked for."""
     if request.plan_file is None:
         return None
-    from hdbench.diagnosis.planning import read_plan
 
     motion = read_plan(request.plan_file)
     if motion.needs_operator and request.no_input and not request.dry_run:
@@ -170,7 +175,6 @@ def _motion(request: Request) -> MotionPlan | None:
 def _from_stored(
     request: Request, source: Path, profile: Profile
 ) -> tuple[Path, Mapping[str, Any]]:
-    from hdbench.session import evaluate_stored
 
     folder, found = evaluate_stored(
         request.kind,
@@ -187,22 +191,17 @@ def _from_stored(
 
 def _keep_parquet(folder: Path, profile: Profile) -> None:
     """Write the run's data as Parquet beside the CSV file, listed among the run's files."""
-    from hdbench.records import RunFolder
-    from hdbench.records.exporting import export_records, gather
-
     made = export_records(gather(folder, profile.data.arm), folder, "parquet")
     RunFolder.open(folder).add_files([made])
 
 
 def _show_plan(output: Output, request: Request, profile: Profile) -> None:
-    from hdbench.records import result_header
-    from hdbench.session import make_plan
 
     plan = make_plan(request.kind, profile, _motion(request), preset=request.preset)
     age = _calibration_age(request, profile)
     limits = profile.data.limits.model_dump(exclude_none=True)
 
-    def lines(_body: object) -> Iterator[str]:
+    def lines() -> Iterator[str]:
         yield f"{plan.kind} on {profile.data.name}: {plan.duration_s:.0f} s of bench time"
         if plan.preset is not None:
             yield _handling(plan)
@@ -212,8 +211,8 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
             yield f"gain    {age}"
         yield "nothing has moved"
 
-    header = result_header("plan", profile)
-    output.result({**header, "plan": plan.to_dict(), "limits": limits}, lines)
+    body = {"plan": plan.to_dict(), "limits": limits}
+    output.result(body, lines(), kind="plan", profile=profile)
 
 
 def _handling(plan: Plan) -> str:
@@ -230,8 +229,6 @@ def _calibration_age(request: Request, profile: Profile) -> str:
     """Say how old the calibration is that a run would use; an expired one is refused."""
     if request.calibration is None:
         return ""
-    from hdbench.profile.scaling import checked_age, read_calibration
-    from hdbench.records.runfolder import utc_now
 
     scale = checked_age(
         read_calibration(request.calibration),
@@ -247,14 +244,13 @@ def _present(
     output: Output, request: Request, profile: Profile, folder: Path, result: Mapping[str, Any]
 ) -> None:
     """Write the report of a finished run, show its result, and say what speaks against it."""
-    shown = shown_of(request.kind)
     if not request.no_report:
         from hdbench.report import write_report
 
         write_report([folder], folder / "report.html", profile=profile)
 
-    def lines(_body: object) -> Iterator[RenderableType]:
-        yield from shown.lines(result)
+    def lines() -> Lines:
+        yield from LINES[request.kind](result)
         scale = result.get("torque_scale") or {}
         if scale.get("age_words"):
             yield f"gain          {scale['source']}: {scale['age_words']}"
@@ -271,8 +267,8 @@ def _present(
             )
         )
 
-    output.result({**result, "run_folder": str(folder)}, lines)
-    reason = shown.failed(result) if request.check else None
+    output.result({**result, "run_folder": str(folder)}, lines())
+    reason = failed(request.kind, result) if request.check else None
     if reason:
         output.end(LimitError(reason, where=str(folder), fix="see report.html of this run"))
     if doubts := doubts_of(result):
@@ -282,8 +278,6 @@ def _present(
 
 def _doubt_fix(folder: Path) -> str:
     """Return what to do about doubtful data: a file can be brought in anew, a run measured anew."""
-    from hdbench.records import RunFolder
-
     details = RunFolder.open(folder).manifest.get("details", {})
     if isinstance(details, dict) and "source" in details:
         return (

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import UsageError
+from hdbench.filter.firmware import export_firmware
+from hdbench.records.exporting import export_records, gather
+from hdbench.session.filters import choose_filter
 from hdbench_cli.inputs import choose_profile, own_names
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 
-@declared("export")
-def command(
+def export_command(
     output: Output,
     sources: tuple[Path, ...],
     kind: str | None,
@@ -21,13 +22,7 @@ def command(
     period_s: float | None,
     profile_name: str | None,
 ) -> None:
-    """Write a filter model as C99 source, or the records of runs for other programs.
-
-    With --model: the same source as the host's filter, with the model's numbers, an example for an
-    interrupt, test vectors and a self-test. With --format: every column of a trace or loads file
-    with its unit, and beside it the run, its profile and its result. Several inputs each get a
-    folder of their own name.
-    """
+    """Write a filter model as C99 source, or the records of runs for other programs."""
     _check_asked(sources, kind, filter_name)
     if kind is not None:
         _export_records(output, sources, kind, out, profile_name)
@@ -59,8 +54,6 @@ def _check_asked(sources: tuple[Path, ...], kind: str | None, filter_name: str |
 def _export_records(
     output: Output, sources: tuple[Path, ...], kind: str, out: Path, profile_name: str | None
 ) -> None:
-    from hdbench.records import result_header
-    from hdbench.records.exporting import export_records, gather
 
     # one input alone goes straight into the folder
     places = [out] if len(sources) == 1 else [out / name for name in own_names(sources)]
@@ -76,29 +69,25 @@ def _export_records(
                 "columns": {name: c.unit for name, c in content.channels.items()},
             }
         )
-    header = result_header("export", choose_profile(profile_name, sources[0]))
-    body = {**header, "folder": str(out), "format": kind, "exported": rows}
+    body = {"folder": str(out), "format": kind, "exported": rows}
     told = [f"{row['file']}: {len(row['columns'])} columns of {row['source']}" for row in rows]
-    output.result(body, lambda _body: told)
+    profile = choose_profile(profile_name, sources[0])
+    output.result(body, told, kind="export", profile=profile)
 
 
 def _export_filter(
     output: Output, filter_name: str, out: Path, period_s: float | None, profile_name: str | None
 ) -> None:
-    from hdbench.filter.firmware import export_firmware
-    from hdbench.records import result_header
-    from hdbench.session.filters import choose_filter
 
     profile = choose_profile(profile_name, None)
     model = choose_filter(profile, filter_name)
     period = period_s or profile.data.daq.sample_period_s
     files = export_firmware(model, out, sample_period_s=period, source=filter_name)
     body = {
-        **result_header("export", profile),
         "folder": str(out),
         "sample_period_s": period,
         "files": files,
         "filter": model.to_dict(),
     }
     told = f"{len(files)} files in {out}; `make` there runs the self-test"
-    output.result(body, lambda _body: [told])
+    output.result(body, [told], kind="export", profile=profile)

@@ -4,40 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import numpy as np
 
 from hdbench.errors import DataError, DoubtfulDataError
+from hdbench.estimation.stretches import data_flags
+from hdbench.filter import (
+    FilteredBlock,
+    FilterModel,
+    filter_channels,
+    filter_trace,
+    filtered_columns,
+    kernel_name,
+    preset,
+)
+from hdbench.filter.comparison import Comparison, compare_filters
+from hdbench.filter.kalman import USABLE
+from hdbench.filter.online import FLAG_BITS
+from hdbench.filter.orders import SmoothedTorque, smooth_channels
+from hdbench.profile import Profile
+from hdbench.records import Trace, result_header, write_trace
+from hdbench.results import DataFlag
+from hdbench.session.evaluation import channel_refusal
+from hdbench.session.filters import choose_filter
+from hdbench_cli.commands.tune import tuned_on
 from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-from hdbench_cli.text import table
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from hdbench.filter import FilteredBlock, FilterModel
-    from hdbench.filter.comparison import Comparison
-    from hdbench.filter.orders import SmoothedTorque
-    from hdbench.profile import Profile
-    from hdbench.records import Trace
-    from hdbench.results import DataFlag
-    from hdbench_cli.inputs import Input
+from hdbench_cli.text import Lines, table
 
 # column of a simulated trace with the true torque, N m
 _TRUTH = "torque_true_nm"
 
 
-@declared("filter", "sources filter_name profile_name calibration gain out smooth compare plot")
-def command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: Any) -> None:
-    """Remove ripple and misalignment from stored traces.
-
-    A run is filtered by the filter that ran in it and gives the same bits, unless --model or
-    another profile says otherwise. Of several inputs each is written to the folder --out under its
-    own name. Exits 6 where samples are missing or saturated, or where time has a gap: the file is
-    written, and its torque is nan where it is missing.
-    """
+def filter_command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: Any) -> None:
+    """Remove ripple and misalignment from stored traces."""
     if options["gain"] is not None and options["calibration"] is not None:
         raise click.UsageError("--gain and --calibration both name a gain; give one")
     if options["plot"] is not None and not options["compare"]:
@@ -62,11 +64,6 @@ def _filtered(
     **scaling: Any,
 ) -> dict[str, Any]:
     """Filter one stored trace and write the result."""
-    from hdbench.filter import filter_channels, filter_trace, filtered_columns
-    from hdbench.filter.orders import smooth_channels
-    from hdbench.records import result_header, write_trace
-    from hdbench.session.filters import choose_filter
-
     profile = choose_profile(profile_name, source)
     tuned = filter_name == "tuned"
     model = choose_filter(profile, None if tuned else filter_name, source=source)
@@ -105,29 +102,12 @@ def _filtered(
     return body
 
 
-def tuned_on(item: Input, profile: Profile) -> FilterModel:
-    """Tune the profile's orders on this very trace."""
-    from hdbench.filter.tuning.run import settings_of
-    from hdbench.session.filters import choose_filter
-    from hdbench_cli.commands.tune import tune_inputs
-
-    base = choose_filter(profile, None)
-    return tune_inputs([item], base, settings_of(profile.data), profile).model
-
-
 def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -> list[DataFlag]:
     """Return what makes the filtered trace doubtful.
 
     Lost, saturated and stuck samples, gaps; of a file also channels in another unit or in each
     other's place.
     """
-    import numpy as np
-
-    from hdbench.estimation.stretches import data_flags
-    from hdbench.filter.online import FLAG_BITS
-    from hdbench.results import DataFlag
-    from hdbench.session.evaluation import channel_refusal
-
     others = data_flags(trace, trace["torque_nm"], profile.data)
     flags = [flag for flag in others if flag.name != "missing-samples"]
     predicted = f"of {len(trace)} samples{{}}; the filter only predicted there"
@@ -146,10 +126,6 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
 
 def _lost(trace: Trace, profile: Profile) -> int:
     """Return how many samples have a torque or velocity that the filter cannot use."""
-    import numpy as np
-
-    from hdbench.filter.kalman import USABLE
-
     velocity = (
         trace["motor_velocity_rad_s"]
         if "motor_velocity_rad_s" in trace
@@ -162,10 +138,6 @@ def _lost(trace: Trace, profile: Profile) -> int:
 def _summary(
     trace: Trace, block: FilteredBlock, model: FilterModel, flags: list[DataFlag]
 ) -> dict[str, Any]:
-    import numpy as np
-
-    from hdbench.filter import kernel_name
-    from hdbench.filter.online import FLAG_BITS
 
     both = np.isfinite(trace["torque_nm"]) & np.isfinite(block.torque_filtered_nm)
     if not both.any():
@@ -226,8 +198,6 @@ def smoothed_columns(trace: Trace, smoothed: SmoothedTorque) -> Trace:
 
 def smoothed_summary(smoothed: SmoothedTorque) -> list[dict[str, Any]]:
     """Return every order's amplitude over the trace: mean, least, most, and its mean band."""
-    import numpy as np
-
     rows = []
     for wave in smoothed.waves:
         known = wave.amplitude_nm[np.isfinite(wave.amplitude_nm)]
@@ -251,9 +221,6 @@ def smoothed_summary(smoothed: SmoothedTorque) -> list[dict[str, Any]]:
 
 def _compared(trace: Trace, tuned: FilterModel, profile: Profile) -> Comparison:
     """Run raw, low-pass, the report's tuning, the tuned model and its smoother side by side."""
-    from hdbench.filter import filter_channels, preset
-    from hdbench.filter.comparison import compare_filters
-
     settings = profile.data.filter
     return compare_filters(
         filter_channels(trace, profile.data, use_measured_angle=True),
@@ -274,7 +241,7 @@ def _draw(path: Path, trace: Trace, comparison: Comparison) -> None:
     plot_comparison(path, trace.time_s, torques)
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any]) -> Lines:
     rms, model = body["torque_rms_nm"], body["filter"]
     orders = ", ".join(
         f"{block['frequency_hz']:g} Hz" if "frequency_hz" in block else f"{block['order']:g}"
@@ -297,7 +264,7 @@ def order_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
         yield f"{row['name']:<14}{band}, {a['min']:.4f} ... {a['max']:.4f}"
 
 
-def _comparison(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _comparison(body: Mapping[str, Any]) -> Lines:
     places = list(body["rows"][0]["suppression_db"])
     rows = []
     for row in body["rows"]:

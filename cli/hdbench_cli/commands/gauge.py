@@ -5,17 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import click
-
+from hdbench.gauges import (
+    GridGeometry,
+    Tolerance,
+    gauged_bench,
+    layout_named,
+    table_as_csv,
+    tabulate_errors,
+    usual_places,
+)
+from hdbench.gauges.film import FilmRequest, write_film
+from hdbench.records import write_atomic
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-from hdbench_cli.text import table
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
+from hdbench_cli.text import Line, Lines, styled, table
 
 _SIZES = {
     "radial": ("radial_mm", "mm"),
@@ -29,26 +34,10 @@ _HEADS = ("gain", "zero", "locked zero", "ripple 2x", "ripple 4x")
 _NAMES = ("gain_change", "zero_nm", "locked_zero_nm", "ripple_2_nm", "ripple_4_nm")
 
 
-@click.group(name="gauge", epilog="Example: hdbench gauge errors --circumferential 1")
-def command() -> None:
-    """Place the strain gauges on the flexspline, and see what misplacement does."""
-
-
-@declared(
-    "gauge film",
-    "profile_name diameter boss radius pad_width pad_length grid_length grid_width "
-    "grid_spacing line layout sheet mirror out",
-)
-def film(output: Output, profile_name: str | None, layout: str, out: Path, **asked: Any) -> None:
-    """Draw the placement film for the flexspline's diaphragm at 1:1, as PDF and SVG.
-
-    Rim, boss, radii, rosette pads, grids with their axes, a degree scale with index, registration
-    targets, two bars of 100 mm. Print at 100 % on clear film and measure both bars.
-    """
-    from hdbench.gauges import GridGeometry, layout_named, usual_places
-    from hdbench.gauges.film import FilmRequest, write_film
-    from hdbench.records import result_header
-
+def film_command(
+    output: Output, profile_name: str | None, layout: str, out: Path, **asked: Any
+) -> None:
+    """Draw the placement film for the flexspline's diaphragm at 1:1, as PDF and SVG."""
     profile = choose_profile(profile_name, None)
     diameter = asked["diameter"]
     across = profile.data.drive.flexspline_diameter_mm if diameter is None else diameter
@@ -69,8 +58,8 @@ def film(output: Output, profile_name: str | None, layout: str, out: Path, **ask
     made = write_film(request, out)
     if asked["boss"] is None:
         output.note(f"boss not given: drawn with {kept_clear:g} mm; measure yours, give --boss")
-    body = {**result_header("gauge-film", profile), **made.to_dict()}
-    output.result(body, _film_lines)
+    body = made.to_dict()
+    output.result(body, _film_lines(body), kind="gauge-film", profile=profile)
 
 
 def _film_lines(body: Mapping[str, Any]) -> Iterator[str]:
@@ -80,30 +69,10 @@ def _film_lines(body: Mapping[str, Any]) -> Iterator[str]:
     yield "next: print at 100 % on clear film, measure both bars; they must be 100.0 mm"
 
 
-@declared(
-    "gauge errors",
-    "profile_name layout radial circumferential angular off_centre distribution radius "
-    "grid_spacing wave_strain wave_strain_4 normal_share assembly_strain draws seed csv_file",
-)
-def errors(
+def errors_command(
     output: Output, profile_name: str | None, layout: str, csv_file: Path | None, **asked: Any
 ) -> None:
-    """Show what misplaced rosettes do to gain, zero and ripple.
-
-    The exact bridge with the profile's gauge factor, supply, amplifier and gain; one rosette off at
-    a time, then all of them by chance within the tolerance.
-    """
-    from hdbench.gauges import (
-        GridGeometry,
-        Tolerance,
-        gauged_bench,
-        layout_named,
-        table_as_csv,
-        tabulate_errors,
-        usual_places,
-    )
-    from hdbench.records import result_header, write_atomic
-
+    """Show what misplaced rosettes do to gain, zero and ripple."""
     profile = choose_profile(profile_name, None)
     usual = usual_places(profile.data.drive.flexspline_diameter_mm)[1]
     radius = usual if asked["radius"] is None else asked["radius"]
@@ -114,7 +83,6 @@ def errors(
     found = tabulate_errors(bench, tolerance, draws=asked["draws"], seed=asked["seed"])
     told = found.to_dict()
     body = {
-        **result_header("gauge-errors", profile),
         "flexspline": profile.data.drive.flexspline,
         **told,
         "sentence": _sentence(told),
@@ -122,7 +90,7 @@ def errors(
     if csv_file is not None:
         write_atomic(csv_file, table_as_csv(found).encode())
         body["files"] = {"csv": str(csv_file)}
-    output.result(body, _error_lines)
+    output.result(body, _error_lines(body), kind="gauge-errors", profile=profile)
 
 
 def _sentence(body: dict[str, Any]) -> str:
@@ -140,17 +108,15 @@ def _sentence(body: dict[str, Any]) -> str:
     )
 
 
-def _error_lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _error_lines(body: Mapping[str, Any]) -> Lines:
     """Yield the tables of `hdbench gauge errors`."""
-    from rich.text import Text
-
     yield from _cancelling(body)
     yield ""
     yield _one_off(body)
     yield ""
     yield _scatter(body)
     drawn = f"{body['draws']} draws, {body['tolerance']['distribution']}, seed {body['seed']}"
-    yield Text(f"N m; {drawn}", style="dim")
+    yield styled((f"N m; {drawn}", "dim"))
     yield f"\n{body['sentence']}"
     if body["flexspline"] == "turning":
         yield (
@@ -187,7 +153,7 @@ def _cells(values: list[float]) -> list[str]:
     return [f"{100 * gain:.3f} %", *(f"{t:.4f}" if abs(t) >= 5e-5 else "0" for t in torques)]
 
 
-def _one_off(body: Mapping[str, Any]) -> RenderableType:
+def _one_off(body: Mapping[str, Any]) -> Line:
     rows = [["nothing", "all", *_cells([body["in_place"][name] for name in _NAMES]), ""]]
     merged: dict[tuple[str, ...], list[str]] = {}
     for row in body["one_off"]:
@@ -203,7 +169,7 @@ def _one_off(body: Mapping[str, Any]) -> RenderableType:
     return table(("one rosette off by", "which", *_HEADS, "closed 2x"), rows)
 
 
-def _scatter(body: Mapping[str, Any]) -> RenderableType:
+def _scatter(body: Mapping[str, Any]) -> Line:
     rows = []
     for row in body["scatter"]:
         for index in (0, 2):
@@ -212,7 +178,3 @@ def _scatter(body: Mapping[str, Any]) -> RenderableType:
             cells = _cells([q["value"] for q in found])
             rows.append([row["kind"] if index == 0 else "", share, *cells])
     return table(("all off by chance", "of 100", *_HEADS), rows)
-
-
-for child in (film, errors):
-    command.add_command(child)

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import click
 
+from hdbench.calibration.staircase.importing import StaircasePlan, StaircaseReport, import_staircase
 from hdbench.errors import UsageError
+from hdbench.importing.importer import ImportReport, import_files
+from hdbench.importing.listing import ChannelFacts, list_channels
+from hdbench.importing.proposal import Proposal, proposed_mapping, time_candidate
+from hdbench.importing.recipe import Recipe, known_columns, parse_entry, read_recipe, write_recipe
+from hdbench.importing.registry import open_source
+from hdbench.importing.source import Source
+from hdbench.importing.trace import no_time
+from hdbench.profile import Profile, load_profile
+from hdbench.records import result_header
 from hdbench_cli.inputs import DEFAULT_PROFILE
 from hdbench_cli.next_step import after_import, next_line
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from hdbench.calibration.staircase.importing import StaircaseReport
-    from hdbench.importing.importer import ImportReport
-    from hdbench.importing.listing import ChannelFacts
-    from hdbench.importing.proposal import Proposal
-    from hdbench.importing.recipe import Recipe
-    from hdbench.importing.source import Source
-    from hdbench.profile import Profile
 
 
 def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
@@ -87,14 +88,6 @@ def _listing(
     output: Output, file: Path, recipe: Recipe, profile: Profile, bench: str | None, *, ask: bool
 ) -> Proposal | None:
     """Show what is in a file and what is proposed; return what a person takes at once."""
-    from contextlib import closing
-
-    from hdbench.importing.listing import list_channels
-    from hdbench.importing.proposal import proposed_mapping, time_candidate
-    from hdbench.importing.registry import open_source
-    from hdbench.importing.trace import no_time
-    from hdbench.records import result_header
-
     with closing(open_source(file, recipe.layout, recipe.asked)) as source:
         time = time_candidate(source.channels)
         facts = list_channels(source, None if time is None else time.name)
@@ -111,7 +104,7 @@ def _listing(
         "proposal": proposal.to_dict(file, out),
     }
     command = proposal.command(file, out)
-    output.result(body, lambda _body: _listed(source, facts, proposal, command))
+    output.result(body, _listed(source, facts, proposal, command))
     if proposal.no_time:
         raise no_time(source)
     if not ask or proposal.needs or output.json:
@@ -125,13 +118,7 @@ def _default_out(file: Path) -> Path:
     return Path(f"{stem}.trace.csv") if out.resolve() == file.resolve() else out
 
 
-@declared(
-    "import",
-    "files kind maps constants recipe_file topic joint side torque_constant_nm_per_a "
-    "velocity_from_angle_hz time rate_hz keep_time delimiter from_logger no_header skip loads "
-    "load_unit least_s profile_name out no_input",
-)
-def command(
+def import_command(
     output: Output,
     /,
     files: tuple[Path, ...],
@@ -148,22 +135,7 @@ def command(
     no_input: bool,
     **layout: Any,
 ) -> None:
-    """Import traces and loads from other programs.
-
-    Reads text (.csv and the like, packed or not), JSON records, NumPy (.npz, .npy), MATLAB 5; and,
-    with an extra of hdbench, HDF5 and MATLAB 7.3, Parquet, Excel, TDMS, MDF 4, ROS bags and MCAP.
-
-    Without --out it prints what is in the file, a mapping that names and units suggest, and the
-    command to take it. Columns that already have a name of hdbench need no --map. The new file is
-    read back and checked. FILE.provenance.json beside it and every result made from it say what
-    was done.
-
-    With --from-logger the command asks for the time column, and converts the units that the
-    logger states (mV, rpm, deg) by itself.
-    """
-    from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
-    from hdbench.profile import load_profile
-
+    """Import traces and loads from other programs."""
     if layout["from_logger"] is not None and layout["no_header"]:
         raise UsageError(
             "--from-logger needs the row of column names that --no-header denies",
@@ -212,22 +184,19 @@ def _run(
     profile_name: str | None,
 ) -> None:
     """Import into one file, or each file into a folder."""
-    from hdbench.importing.importer import import_files
-    from hdbench.records import result_header
-
     # the gear ratio of a bench that nobody named is none of this drive
     ratio = None if profile_name is None else profile.data.drive.gear_ratio
     arm = profile.data.arm
     if not out.is_dir():
         report = import_files(recipe, files, out, arm, ratio)
         body = {**result_header("import", profile), **report.to_dict()}
-        output.result(body, lambda _body: _imported(report, profile_name))
+        output.result(body, _imported(report, profile_name))
         return
     reports = [import_files(recipe, [file], out / _default_out(file), arm, ratio) for file in files]
     told = [report.to_dict() for report in reports]
     whole = {**result_header("import", profile), "imports": told}
     lines = (line for report in reports for line in _imported(report, profile_name))
-    output.result(whole, lambda _body: lines)
+    output.result(whole, lines)
 
 
 def _staircase(
@@ -241,10 +210,6 @@ def _staircase(
     profile: Profile,
 ) -> None:
     """Bring in raw readings under changing weights, and tell what was found."""
-    from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
-    from hdbench.importing.recipe import known_columns, parse_entry
-    from hdbench.records import result_header
-
     if len(files) != 1:
         raise UsageError(
             f"{len(files)} files", where="FILE", fix="bring in one staircase at a time"
@@ -259,7 +224,7 @@ def _staircase(
     plan = replace(plan, unit=unit, least_s=least_s, rate_hz=recipe.rate_hz, layout=recipe.layout)
     report = import_staircase(plan, files[0], out, profile.data.arm)
     body = {**result_header("import", profile), **report.to_dict()}
-    output.result(body, lambda _body: _plateaus(report))
+    output.result(body, _plateaus(report))
 
 
 def _numbers(loads: str | None) -> tuple[float, ...]:

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hdbench.diagnosis.inspection import inspect_log, read_log
 from hdbench.errors import LimitError
+from hdbench.profile import load_profile
+from hdbench.records import resolve_input
+from hdbench.records.provenance import input_identity
 from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.text import Text
+from hdbench_cli.text import Lines, styled
 
 # channels that are told of one kind of finding: --json has them all
 _SHOWN = 3
 
 
-@declared("inspect")
-def command(
+def inspect_command(
     output: Output,
     source: Path,
     topic: str | None,
@@ -27,22 +27,14 @@ def command(
     profile_name: str | None,
     check: bool,
 ) -> None:
-    """Say what a log can tell: sampling, bandwidth, resolution, origin and delay of channels.
-
-    Takes a trace, a run folder, or a file of any format that the import reads. Nothing is repaired.
-    """
-    from hdbench.diagnosis.inspection import inspect_log, read_log
-    from hdbench.profile import load_profile
-    from hdbench.records import resolve_input, result_header
-    from hdbench.records.provenance import input_identity
-
+    """Say what a log can tell: sampling, bandwidth, resolution, origin and delay of channels."""
     profile = load_profile(profile_name or DEFAULT_PROFILE)
     file = resolve_input(source) if (source / "run.json").is_file() else source
     log = read_log(file, topic=topic, joint=joint)
     found = inspect_log(log, profile.data)
     identity = input_identity(file) if file.is_file() else {"path": str(file)}
-    body = {**result_header("inspect", profile), "input": identity, **found.to_dict()}
-    output.result(body, _lines)
+    body = {"input": identity, **found.to_dict()}
+    output.result(body, _lines(body), kind="inspect", profile=profile)
     if check and found.findings:
         output.end(
             LimitError(
@@ -57,10 +49,8 @@ def _number(value: float | None, form: str = "{:.4g}") -> str:
     return "-" if value is None else form.format(value)
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[str | Text]:
+def _lines(body: Mapping[str, Any]) -> Lines:
     """Yield the inspection on one screen: stamps, channels, motion, findings."""
-    from rich.text import Text
-
     stamps = body["sampling"]
     if stamps["median_s"] is None:
         yield f"sampling   {stamps['rows']} rows without a time"
@@ -85,7 +75,7 @@ def _lines(body: Mapping[str, Any]) -> Iterator[str | Text]:
     yield from _motion(body["coverage"])
     yield from body["notes"]
     count = len(body["findings"])
-    yield Text(f"findings: {count}" if count else "Nothing found.", style="bold")
+    yield styled((f"findings: {count}" if count else "Nothing found.", "bold"))
     yield from finding_lines(body["findings"])
 
 

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from hdbench.profile.scaling import profile_scale, read_calibration
+from hdbench.session.filters import choose_filter
+from hdbench.session.monitor import observe
+from hdbench.session.stop import listen
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
+from hdbench_cli.live.view import live_view
 from hdbench_cli.output import Output
-from hdbench_cli.text import table
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
+from hdbench_cli.text import Lines, table
 
 _NUMBERS = ("mean", "std", "min", "max")
 
 
-def _lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _lines(result: Mapping[str, Any]) -> Lines:
     """Yield mean, scatter and range of every channel."""
     yield (
         f"{result['samples']} samples in {result['seconds']:.1f} s, {result['lost']} lost, "
@@ -33,8 +35,7 @@ def _lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield table(("channel", *_NUMBERS, "unit"), rows, right=_NUMBERS)
 
 
-@declared("monitor")
-def command(
+def monitor_command(
     output: Output,
     profile_name: str | None,
     address: str | None,
@@ -44,21 +45,7 @@ def command(
     plant: str,
     seed: int,
 ) -> None:
-    """Watch a bench live, with its drive disabled: nothing moves and nothing is stored.
-
-    Shows what the live view of a run shows, and at the end mean, scatter and range of each channel:
-    enough to see a dead gauge, a loose plug, a wrong sign or mains hum before a run. A bench that
-    a run holds is left alone (exit 9).
-    """
-    from dataclasses import asdict
-
-    from hdbench.profile.scaling import profile_scale, read_calibration
-    from hdbench.records import result_header
-    from hdbench.session.filters import choose_filter
-    from hdbench.session.monitor import observe
-    from hdbench.session.stop import listen
-    from hdbench_cli.live.view import live_view
-
+    """Watch a bench live, with its drive disabled: nothing moves and nothing is stored."""
     profile = choose_profile(profile_name, None)
     scale = read_calibration(calibration) if calibration else profile_scale(profile)
     model = choose_filter(profile, filter_name, misalignment=None)
@@ -75,11 +62,10 @@ def command(
             seed=seed,
         )
     body = {
-        **result_header("monitor", profile),
         "torque_scale": scale.to_dict(),
         **asdict(seen),
     }
     signum = body.pop("stopped_by")
-    output.result(body, _lines)
+    output.result(body, _lines(body), kind="monitor", profile=profile)
     if signum is not None:
         raise click.exceptions.Exit(128 + signum)

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from hdbench.filter import filter_channels
+from hdbench.filter.orders import (
+    OrderMap,
+    OrderSpectrum,
+    order_map,
+    order_spectrum,
+    smooth_channels,
+)
+from hdbench.records import Trace, result_header, write_atomic, write_trace
+from hdbench.session.filters import choose_filter
 from hdbench_cli.commands.filter import (
     order_lines,
     smoothed_columns,
     smoothed_summary,
-    tuned_on,
 )
+from hdbench_cli.commands.tune import tuned_on
 from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from hdbench.filter.orders import OrderMap, OrderSpectrum
 
 
 def _write_map(path: Path, found: OrderMap) -> None:
     """Write the order map, one row per window and order."""
-    from hdbench.records import write_atomic
-
     rows = ["time_s,motor_velocity_rad_s,order,amplitude_nm"]
     for time, speed, line in zip(found.time_s, found.speed_rad_s, found.amplitude_nm, strict=True):
         head = f"{float(time):.9g},{float(speed):.9g}"
@@ -36,13 +40,10 @@ def _write_map(path: Path, found: OrderMap) -> None:
     write_atomic(path, ("\n".join(rows) + "\n").encode())
 
 
-@declared("orders", "sources filter_name profile_name calibration gain max_order out map_file plot")
-def command(output: Output, /, sources: tuple[Path, ...], out: Path | None, **options: Any) -> None:
-    """Show the torque by order: spectrum over the motor angle, map, every order over time.
-
-    The angle is the encoder's where there is one, else the integrated velocity. Amplitude and phase
-    over time come from the smoother, with their bands.
-    """
+def orders_command(
+    output: Output, /, sources: tuple[Path, ...], out: Path | None, **options: Any
+) -> None:
+    """Show the torque by order: spectrum over the motor angle, map, every order over time."""
     if len(sources) > 1 and (options["map_file"] is not None or options["plot"] is not None):
         raise click.UsageError("--map and --plot are of one input; give them one by one")
     files = [None] * len(sources) if out is None else targets(out, sources)
@@ -62,11 +63,6 @@ def _orders(
     **scaling: Any,
 ) -> dict[str, Any]:
     """Return the result of one input, and write its files."""
-    from hdbench.filter import filter_channels
-    from hdbench.filter.orders import order_map, order_spectrum, smooth_channels
-    from hdbench.records import Trace, result_header, write_trace
-    from hdbench.session.filters import choose_filter
-
     files = {"orders": out, "map": map_file, "plot": plot}
     profile = choose_profile(profile_name, source)
     item = read_input(source, profile, **scaling)

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hdbench.diagnosis.planning import plan_report, write_plan
 from hdbench.errors import UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
+from hdbench_cli.live.progress import progress_bar
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.text import Text
+from hdbench_cli.text import Lines, styled
 
 # lines of each table that fit one screen together with the rest
 _SHOWN, _SETTLED = 8, 2
 
 
-@declared("plan", "profile_name causes of result protocol duration_s no_loads out")
-def command(
+def plan_command(
     output: Output,
     /,
     profile_name: str | None,
@@ -29,15 +27,7 @@ def command(
     out: Path | None,
     **asked: Any,
 ) -> None:
-    """Say which run separates which causes.
-
-    Shows which causes the given run can separate, and proposes a run for the others, ready for
-    `hdbench run-ripple --plan FILE`. Every number is computed from signatures on the motion itself.
-    """
-    from hdbench.diagnosis.planning import plan_report, write_plan
-    from hdbench.records import result_header
-    from hdbench_cli.live.progress import progress_bar
-
+    """Say which run separates which causes."""
     profile = choose_profile(profile_name, of or result)
     with progress_bar("plan") as told:
         report, plan = plan_report(profile, told, of=of, result=result, loads=not no_loads, **asked)
@@ -50,25 +40,23 @@ def command(
                 fix=next(settled, "name other causes, or allow more --duration"),
             )
         write_plan(out, plan)
-    body = {**result_header("plan-report", profile), **report}
+    body = {**report}
     body["plan_file"] = None if out is None else str(out)
     body["command"] = None if out is None else f"hdbench run-ripple --plan {out}"
-    output.result(body, _lines)
+    output.result(body, _lines(body), kind="plan-report", profile=profile)
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[str | Text]:
+def _lines(body: Mapping[str, Any]) -> Lines:
     """Yield the report on one screen."""
-    from rich.text import Text
-
     at_hand = body["at_hand"]
     total = len(at_hand["visible"]) + len(at_hand["invisible"])
-    yield Text(body["source"], style="bold")
+    yield styled((body["source"], "bold"))
     yield f"  shows {len(at_hand['visible'])} of {total} causes"
     yield from (f"  exactly alike: {', '.join(one)}" for one in at_hand["inseparable"][:_SHOWN])
     shown = body["pairs"][:_SHOWN]
     if shown:
         head = "share of the first that the second cannot imitate: at hand -> proposed"
-        yield Text(head, style="bold")
+        yield styled((head, "bold"))
     for pair in shown:
         mark = "told apart" if pair["separated"] else "NOT told apart"
         yield (
@@ -81,10 +69,10 @@ def _lines(body: Mapping[str, Any]) -> Iterator[str | Text]:
     for pair in _open_pairs(body)[:_SETTLED]:
         yield f"  {pair['first']} or {pair['second']} is settled by {pair['settled_by']}"
     if body["plan"] is None:
-        yield Text("no run of this bench tells them apart", style="bold")
+        yield styled(("no run of this bench tells them apart", "bold"))
         return
     operator = ", needs an operator" if body["needs_operator"] else ""
-    yield Text(f"proposed run: {body['duration_s']:.0f} s{operator}", style="bold")
+    yield styled((f"proposed run: {body['duration_s']:.0f} s{operator}", "bold"))
     yield from (f"  {words}" for words in body["words"])
     yield body["command"] or "write it with --out FILE, then hdbench run-ripple --plan FILE"
 

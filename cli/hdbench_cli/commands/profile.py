@@ -10,53 +10,40 @@ from typing import Any
 import click
 
 from hdbench.errors import ProfileError, UsageError
-from hdbench_cli.options import declared
+from hdbench.profile import (
+    check_loads,
+    check_profiles,
+    list_profiles,
+    load_profile,
+    new_profile,
+    profile_schema,
+)
+from hdbench.records import read_trace, resolve_input, write_new
 from hdbench_cli.output import Output
 
 
-@click.group(name="profile", epilog="Example: hdbench profile new my-bench --out my-bench.toml")
-def command() -> None:
-    """List, show, check and make profiles.
-
-    A profile describes one bench: drive, sensor, DAQ, limits, experiments, filter and model.
-    """
-
-
-@declared("profile list")
-def list_(output: Output) -> None:
+def list_command(output: Output) -> None:
     """List the built-in profiles."""
-    from hdbench.profile import list_profiles, load_profile
-    from hdbench.records import result_header
-
     profiles = [load_profile(name) for name in list_profiles()]
     rows = [{**p.describe(), "description": p.data.description} for p in profiles]
-    body = {**result_header("profiles", None), "profiles": rows}
-    output.result(body, lambda _body: [f"{row['name']}  {row['description']}" for row in rows])
+    lines = [f"{row['name']}  {row['description']}" for row in rows]
+    output.result({"profiles": rows}, lines, kind="profiles")
 
 
-@declared("profile show")
-def show(output: Output, name: str) -> None:
+def show_command(output: Output, name: str) -> None:
     """Show the text of a profile."""
-    from hdbench.profile import load_profile
-    from hdbench.records import result_header
-
     profile = load_profile(name)
     body = {
-        **result_header("profile", profile),
         **profile.describe(),
         "path": profile.path,
         "text": profile.text,
         "data": profile.data.model_dump(mode="json"),
     }
-    output.result(body, lambda _body: profile.text)
+    output.result(body, profile.text, kind="profile", profile=profile)
 
 
-@declared("profile check")
-def check(output: Output, files: tuple[str, ...]) -> None:
+def check_command(output: Output, files: tuple[str, ...]) -> None:
     """Check profiles and name every problem at once; exit 4 if there is one."""
-    from hdbench.profile import check_loads, check_profiles
-    from hdbench.records import result_header
-
     profiles = check_profiles(files)
     for profile in profiles:
         try:
@@ -64,12 +51,11 @@ def check(output: Output, files: tuple[str, ...]) -> None:
         except ProfileError as error:
             output.note(f"hdbench calibrate needs other weights: {error}")
     rows = [{**p.describe(), "path": p.path} for p in profiles]
-    body = {**result_header("profiles", None), "profiles": rows}
-    output.result(body, lambda _body: [f"{row['path']}: valid" for row in rows])
+    lines = [f"{row['path']}: valid" for row in rows]
+    output.result({"profiles": rows}, lines, kind="profiles")
 
 
-@declared("profile new")
-def new(
+def new_command(
     output: Output,
     name: str,
     source: Path | None,
@@ -80,14 +66,7 @@ def new(
     no_input: bool,
     out: Path | None,
 ) -> None:
-    """Make a profile to start from, with meaning and unit of every key.
-
-    With --from the values come from a log. What a log does not hold is asked for, or given by
-    options.
-    """
-    from hdbench.profile import new_profile
-    from hdbench.records import result_header, write_new
-
+    """Make a profile to start from, with meaning and unit of every key."""
     more: dict[str, Any] = {}
     if source is None:
         if (gear_ratio, load_inertia, rated_torque) != (None, None, None) or orders:
@@ -99,7 +78,6 @@ def new(
         text = new_profile(name)
     else:
         from hdbench.diagnosis.bench import Known, bench_of_trace
-        from hdbench.records import read_trace, resolve_input
 
         ask = not no_input and not output.json and sys.stdin.isatty()
         known = Known(
@@ -113,12 +91,12 @@ def new(
     if out is not None:
         write_new(out, text.encode())
     path = None if out is None else str(out)
-    body = {**result_header("profile-new", None), "name": name, "path": path, **more, "text": text}
+    body = {"name": name, "path": path, **more, "text": text}
     # the text may go into a file by a redirection: what is said about it does not belong there
     if more and not output.json:
         for line in _told(more):
             output.note(line)
-    output.result(body, lambda _body: text if out is None else f"{out}\n")
+    output.result(body, text if out is None else f"{out}\n", kind="profile-new")
 
 
 def _asked(value: float | None, option: str, question: str, ask: bool) -> float:
@@ -148,14 +126,7 @@ def _told(bench: dict[str, Any]) -> list[str]:
     return lines
 
 
-@declared("profile schema")
-def schema(output: Output) -> None:
+def schema_command(output: Output) -> None:
     """Print the JSON schema of profiles, for editors."""
-    from hdbench.profile import profile_schema
-
     body = profile_schema()
-    output.result(body, lambda _body: json.dumps(body, indent=2) + "\n")
-
-
-for child in (list_, show, check, new, schema):
-    command.add_command(child)
+    output.result(body, json.dumps(body, indent=2) + "\n")

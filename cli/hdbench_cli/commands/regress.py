@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from hdbench.errors import DataError, LimitError
-from hdbench_cli.options import declared
+from hdbench.errors import DataError, HdbenchError, LimitError
+from hdbench.regression import RegressionReport, compare_folder, write_junit
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.text import Text
-
-    from hdbench.errors import HdbenchError
-    from hdbench.regression import RegressionReport
+from hdbench_cli.text import Lines, styled
 
 # lines per case on the screen: the rest is in --json
 _MOST_LINES = 20
 
 
-@declared("regress")
-def command(
+def regress_command(
     output: Output, folder: Path, update: bool, junit: Path | None, html_file: Path | None
 ) -> None:
-    """Evaluate stored traces again and compare with stored results.
-
-    Names every quantity that moved beyond its tolerance, and by how many tolerances; then exits 3.
-    A case that cannot be read is named with its line, the others are still compared; then exits 4.
-    """
-    from hdbench.regression import compare_folder, write_junit
-
+    """Evaluate stored traces again and compare with stored results."""
     report = compare_folder(folder, update=update, keep_going=True)
     if junit is not None:
         write_junit(junit, report)
@@ -40,29 +26,27 @@ def command(
 
         write_regression(body, html_file)
     written = [f"written  {file}" for file in (junit, html_file) if file is not None]
-    output.result(body, lambda _body: [*_lines(report), *written])
+    output.result(body, [*_lines(report), *written], kind="regression")
     output.end(_verdict(report, folder))
 
 
-def _lines(report: RegressionReport) -> Iterator[str | Text]:
+def _lines(report: RegressionReport) -> Lines:
     """Yield what moved, case by case."""
-    from rich.text import Text
-
     for case in report.cases:
         if case.error is not None:
-            yield Text.assemble(("INVALID ", "bold red"), f"{case.name}: not compared")
+            yield styled(("INVALID ", "bold red"), f"{case.name}: not compared")
             continue
         word, style = ("pass", "green") if case.passed else ("MOVED", "bold red")
         if case.updated and case.changes:
             word, style = "updated", "yellow"
-        yield Text.assemble((f"{word:8}", style), f"{case.name}: {case.compared} quantities")
+        yield styled((f"{word:8}", style), f"{case.name}: {case.compared} quantities")
         if case.updated and not case.compared:
             yield f"  . first result kept: {len(case.changes)} quantities"
             continue
         for change in case.changes[:_MOST_LINES]:
             yield f"  {'!' if change.regression else '.'} {change.describe()}"
             if change.regression and change.what == "moved":
-                yield Text(f"      tolerance: {change.reason}", style="dim")
+                yield styled((f"      tolerance: {change.reason}", "dim"))
         if len(case.changes) > _MOST_LINES:
             yield f"  and {len(case.changes) - _MOST_LINES} more: see --json"
 

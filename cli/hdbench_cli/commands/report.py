@@ -5,23 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 
-@declared("report")
-def command(
+def report_command(
     output: Output, runs: tuple[Path, ...], out: Path | None, fleet: bool, profile_name: str | None
 ) -> None:
-    """Write runs as one offline HTML file with CSV and JSON.
-
-    Verdict first, then key numbers with uncertainties, figures, tables, the filter used, and where
-    everything came from. Takes run folders, result.json files, traces and loads files.
-
-    With --fleet: how each key figure is distributed over drives, which drives are outliers, causes
-    by frequency, and a table that leads to every drive's own report.
-    """
-    from hdbench.records import result_header
+    """Write runs as one offline HTML file with CSV and JSON."""
     from hdbench.report import write_report
 
     profile = choose_profile(profile_name, None)
@@ -33,9 +23,8 @@ def command(
     else:
         files = write_report(runs, out or alone / "report.html", profile=profile)
     body = {
-        **result_header("report-files", profile),
         "html": str(files.html),
         "csv": str(files.csv),
         "json": str(files.json),
     }
-    output.result(body, lambda _body: [f"report  {files.html}"])
+    output.result(body, [f"report  {files.html}"], kind="report-files", profile=profile)

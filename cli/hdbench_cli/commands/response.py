@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hdbench.filter.response import filter_response, inject
+from hdbench.profile import Profile
+from hdbench.session.filters import choose_filter
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-from hdbench_cli.text import table
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from hdbench.profile import Profile
+from hdbench_cli.text import Lines, table
 
 _INJECTED_HZ = (0.0, 0.5, 2.0, 10.0)
 
@@ -27,8 +24,7 @@ def _speeds(profile: Profile) -> tuple[float, float]:
     return abs(profile.data.misalignment.velocity_rad_s), fast
 
 
-@declared("response")
-def command(
+def response_command(
     output: Output,
     filter_name: str | None,
     velocities: tuple[float, ...],
@@ -36,15 +32,7 @@ def command(
     plot: Path | None,
     profile_name: str | None,
 ) -> None:
-    """Show what a tuning does to the torque: notches, torque passed, noise, memory.
-
-    The exact transfer function from measured to filtered torque at constant speed, from the steady
-    Kalman gain, beside sinusoids sent through the running filter.
-    """
-    from hdbench.filter.response import filter_response, inject
-    from hdbench.records import result_header
-    from hdbench.session.filters import choose_filter
-
+    """Show what a tuning does to the torque: notches, torque passed, noise, memory."""
     profile = choose_profile(profile_name, None)
     model = choose_filter(profile, filter_name)
     period = period_s or profile.data.daq.sample_period_s
@@ -58,7 +46,6 @@ def command(
         ]
         responses.append(item)
     body = {
-        **result_header("response", profile),
         "sample_period_s": period,
         "responses": responses,
         "filter": model.to_dict(),
@@ -68,10 +55,10 @@ def command(
 
         plot_response(plot, model.name, responses)
         body["plot"] = str(plot)
-    output.result(body, _lines)
+    output.result(body, _lines(body), kind="response", profile=profile)
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any]) -> Lines:
     for item in body["responses"]:
         settling = item["settling_time_s"]
         memory = "never" if settling is None else f"{settling:.3g} s"

@@ -1,46 +1,127 @@
-"""`hdbench runs`: list, show, note on, verify, resume and compare run folders."""
+"""`hdbench runs`: list, show, note on and verify run folders."""
 
 from __future__ import annotations
 
+import csv
+import io
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+from click.core import ParameterSource
 
-from hdbench_cli.commands.runs_compare import compare
-from hdbench_cli.commands.runs_list import list_, note
+from hdbench.errors import DataError, UsageError
+from hdbench.records import (
+    RunFolder,
+    RunSummary,
+    VerifyReport,
+    add_note,
+    list_runs,
+    read_notes,
+    select_runs,
+    verify_runs,
+    write_atomic,
+)
+from hdbench.records.csvtext import safe_cell
+from hdbench.records.runfolder import utc_now
 from hdbench_cli.next_step import after_run, next_line
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-from hdbench_cli.text import with_uncertainty
-
-if TYPE_CHECKING:
-    from rich.text import Text
-
-    from hdbench.records import VerifyReport
+from hdbench_cli.text import Lines, styled, with_uncertainty
 
 # characters of a hash that tell two files apart at a glance; --json has all
 _HASH = 12
 _EXPERIMENTS = ("calibration", "misalignment", "ripple")
+# options that choose runs by their properties
+_FILTERS = ("kind", "profile", "status", "verdict", "drive", "sensor")
+_COLUMNS = (
+    "run_id",
+    "path",
+    "kind",
+    "status",
+    "started_utc",
+    "profile",
+    "drive",
+    "sensor",
+    "verdict",
+    "exit_reason",
+)
 
 
-@click.group(name="runs", epilog="Example: hdbench runs verify runs/*")
-def command() -> None:
-    """List, show, note on, verify, resume and compare run folders."""
+def chosen_runs(parent: Path, options: dict[str, Any]) -> list[RunSummary]:
+    """Return the runs in a folder that the filter options choose."""
+    typed = click.get_current_context().get_parameter_source("parent")
+    if not parent.is_dir() and typed is not ParameterSource.DEFAULT:
+        raise DataError(
+            "no such folder", where=str(parent), fix="name the folder that --out of the runs named"
+        )
+    wanted = {name: options[name] for name in _FILTERS}
+    return select_runs(list_runs(parent), wanted, options["since"])
 
 
-@declared("runs show")
-def show(output: Output, run: Path) -> None:
+def _key(run: RunSummary, name: str) -> str:
+    if name == "run":
+        return run.path.name
+    return str(getattr(run, "started_utc" if name == "started" else name))
+
+
+def list_command(
+    output: Output, /, parent: Path, sort: str, reverse: bool, csv_file: str | None, **options: Any
+) -> None:
+    """List the runs in a folder, oldest first."""
+    if csv_file == "-" and output.json:
+        raise UsageError("both want stdout", where="--csv, --json", fix="give --csv a file")
+    runs = sorted(chosen_runs(parent, options), key=lambda run: _key(run, sort), reverse=reverse)
+    if csv_file is not None:
+        _write_csv(csv_file, runs)
+        if csv_file == "-":
+            return
+    output.result({"runs": [run.to_dict() for run in runs]}, _lines(parent, runs), kind="runs")
+
+
+def _lines(parent: Path, runs: list[RunSummary]) -> str:
+    if not runs:
+        return f"no such runs in {parent.resolve()}\n{next_line('hdbench demo')}\n"
+    lines = (
+        f"{r.path}  {r.status:10}  {r.verdict:13}  {r.profile}  {r.drive:8}  {r.exit_reason}"
+        for r in runs
+    )
+    return "".join(f"{line.rstrip()}\n" for line in lines)
+
+
+def _write_csv(file: str, runs: list[RunSummary]) -> None:
+
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for run in runs:
+        body = run.to_dict()
+        writer.writerow([safe_cell(body[name]) for name in _COLUMNS])
+    if file == "-":
+        click.echo(text.getvalue(), nl=False)
+    else:
+        write_atomic(Path(file), text.getvalue().encode())
+
+
+def note_command(output: Output, run: Path, text: str) -> None:
+    """Note on a run what was done before it, such as service or a new clamping."""
+    add_note(run, text, utc_now())
+    notes = [asdict(one) for one in read_notes(run)]
+    output.result(
+        {"run": str(run), "notes": notes},
+        [f"{n['utc'][:19]}Z  {n['text']}" for n in notes],
+        kind="notes",
+    )
+
+
+def show_command(output: Output, run: Path) -> None:
     """Show the entries of a run: kind, status, times, profile, drive, verdict."""
-    from hdbench.records import RunFolder, read_notes
-
     folder = RunFolder.open(run)
     notes = [asdict(one) for one in read_notes(run)]
     body = {**folder.manifest, "status": folder.status(), "notes": notes}
-    output.result(body, lambda body: _shown(body, run))
+    output.result(body, _shown(body, run))
 
 
 def _shown(body: Mapping[str, Any], run: Path) -> Iterator[str]:
@@ -105,25 +186,19 @@ def _then(body: Mapping[str, Any], name: str, run: Path) -> str:
     return f"hdbench report {name} --out report.html"
 
 
-@declared("runs verify")
-def verify(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
+def verify_command(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
     """Read runs in full and compare them with their hashes; exit 4 if one is invalid."""
-    from hdbench.records import result_header, verify_runs
-
     reports = verify_runs(runs, recover=recover)
     ok = all(report.ok for report in reports)
     told = [report.to_dict() for report in reports]
-    body = {**result_header("verify", None), "ok": ok, "runs": told}
-    output.result(body, lambda _body: _checks(runs, reports))
+    output.result({"ok": ok, "runs": told}, _checks(runs, reports), kind="verify")
     return 0 if ok else 4
 
 
-def _checks(runs: Sequence[Path], reports: Sequence[VerifyReport]) -> Iterator[str | Text]:
-    from rich.text import Text
-
+def _checks(runs: Sequence[Path], reports: Sequence[VerifyReport]) -> Lines:
     for run, report in zip(runs, reports, strict=True):
         word = ("ok", "green") if report.ok else ("INVALID", "bold red")
-        yield Text.assemble(
+        yield styled(
             word,
             f" {report.run_id}: {report.status}, {report.files_checked} files checked, "
             f"{report.samples_in_journal} samples and {report.readings_in_journal} readings "
@@ -135,21 +210,3 @@ def _checks(runs: Sequence[Path], reports: Sequence[VerifyReport]) -> Iterator[s
         if report.recoverable:
             recover = f"hdbench runs verify --recover {shlex.quote(str(run))}"
             yield f"  its data can be recovered: {recover}"
-
-
-@declared("runs resume", "run address control yes no_input check no_report realtime who mistakes")
-def resume(output: Output, /, run: Path, realtime: bool, **options: Any) -> None:
-    """Go on with a run that was stopped, killed, or lost its bench, in the same folder.
-
-    A calibration goes on at the weight where it stopped; what was accepted is not asked again. A
-    run with motion keeps every acquisition that came to its end; one that was broken off is taken
-    again from standstill, its first samples kept beside it.
-    """
-    from hdbench_cli.commands.experiment import resume as go_on
-
-    # without the option the bench keeps time as it did before
-    go_on(output, run, realtime=realtime or None, **options)
-
-
-for child in (show, verify, resume, list_, note, compare):
-    command.add_command(child)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hdbench.comparison import compare_runs, comparison_csv
 from hdbench.errors import LimitError
+from hdbench.records import write_atomic
 from hdbench_cli.inputs import refuse_same_csv
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-from hdbench_cli.text import table, with_uncertainty
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
+from hdbench_cli.text import Lines, styled, table, with_uncertainty
 
 _ANSWERS = {
     "moved": ("MOVED", "bold red"),
@@ -24,8 +22,7 @@ _ANSWERS = {
 _MOST_KEYS = 8
 
 
-@declared("runs compare")
-def compare(
+def compare_command(
     output: Output,
     a: Path,
     b: Path,
@@ -36,15 +33,7 @@ def compare(
     csv_file: Path | None,
     html_file: Path | None,
 ) -> None:
-    """Compare two runs of one kind: B minus A, in units of its uncertainty.
-
-    A and B are run folders or result files. Numbers with their differences, orders as vectors, and
-    what differs in profile, versions, device and calibration. What both have in common, such as one
-    gain or the same weights, does not count as a difference.
-    """
-    from hdbench.comparison import compare_runs, comparison_csv
-    from hdbench.records import write_atomic
-
+    """Compare two runs of one kind: B minus A, in units of its uncertainty."""
     refuse_same_csv(csv_file, html_file)
     found = compare_runs(
         a, b, confidence=confidence, same_origin=same_origin, independent=independent
@@ -59,7 +48,7 @@ def compare(
 
         files["html"] = str(write_comparison(body, html_file).html)
     body["files"] = files
-    output.result(body, _lines)
+    output.result(body, _lines(body))
     if check and found.verdict != "within-uncertainty":
         output.end(
             LimitError(
@@ -70,12 +59,10 @@ def compare(
         )
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any]) -> Lines:
     """Yield a comparison on one screen."""
-    from rich.text import Text
-
     word, style = _ANSWERS[body["verdict"]]
-    yield Text.assemble((f"{word}  ", style), body["sentence"])
+    yield styled((f"{word}  ", style), body["sentence"])
     for side in ("a", "b"):
         one = body[side]
         when = f", measured {one['measured_utc'][:19]}Z" if one["measured_utc"] else ""
@@ -102,9 +89,7 @@ def _number(body: Any) -> str:
     return with_uncertainty({**body, "dof": None}, "").strip()
 
 
-def _quantities(rows: list[dict[str, Any]]) -> Iterator[RenderableType]:
-    from rich.text import Text
-
+def _quantities(rows: list[dict[str, Any]]) -> Lines:
     cells = []
     for row in rows:
         score = row["score"]
@@ -113,13 +98,10 @@ def _quantities(rows: list[dict[str, Any]]) -> Iterator[RenderableType]:
         expanded = "" if row["expanded"] is None else f"{row['expanded']:.2g}"
         change = "" if row["difference"] is None else f"{row['difference']['value']:+.4g}"
         words = (label, _number(row["a"]), _number(row["b"]), change, expanded, told)
-        cells.append([Text(word, style="" if row["decides"] else "dim") for word in words])
+        cells.append([styled((word, "" if row["decides"] else "dim")) for word in words])
     yield table(("", "A", "B", "B - A", "expanded", "score"), cells)
-    yield Text(
-        "score: |B - A| over its expanded uncertainty; above 1 (!) it has moved; "
-        "dim: for information",
-        style="dim",
-    )
+    score = "score: |B - A| over its expanded uncertainty; above 1 (!) it has moved"
+    yield styled((f"{score}; dim: for information", "dim"))
 
 
 def _orders(orders: Mapping[str, Any]) -> Iterator[str]:

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import click
+import numpy as np
 
 from hdbench.errors import DoubtfulDataError, UsageError
+from hdbench.model import load_model, simulate_like, simulate_run, with_noise
+from hdbench.model.bench import BenchModel
+from hdbench.records import Trace, read_trace, resolve_input, write_trace
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
-if TYPE_CHECKING:
-    from hdbench.records import Trace
 
-
-@declared("simulate")
-def command(
+def simulate_command(
     output: Output,
     profile_name: str | None,
     like: Path | None,
@@ -28,17 +26,7 @@ def command(
     seed: int,
     out: Path,
 ) -> None:
-    """Compute the bench model, alone or on a measured motion.
-
-    Alone it runs the profile's ripple plan on an ideal motion. With --like it keeps the measured
-    motion of a run or trace and computes the torque that the model gives there.
-    """
-    import numpy as np
-
-    from hdbench.model import load_model, simulate_like, simulate_run, with_noise
-    from hdbench.model.bench import BenchModel
-    from hdbench.records import read_trace, resolve_input, result_header, write_trace
-
+    """Compute the bench model, alone or on a measured motion."""
     _check_out(out, like, duration_s)
     profile = choose_profile(profile_name, like)
     model = load_model(model_file) if model_file else BenchModel.from_profile(profile.data)
@@ -59,7 +47,6 @@ def command(
     write_trace(out, trace)
     lost = int((~trace.valid("torque_nm")).sum())
     body = {
-        **result_header("simulation", profile),
         "file": str(out),
         "like": None if like is None else str(like),
         "model": None if model_file is None else str(model_file),
@@ -69,15 +56,15 @@ def command(
         **_summary(trace),
         "lost_samples": lost,
     }
-    output.result(body, _lines)
+    output.result(body, _lines(body), kind="simulation", profile=profile)
     if lost:
-        error = DoubtfulDataError(
-            f"{lost} of {len(trace)} samples of the motion are lost; their torque is left empty",
-            where=str(like),
-            fix="use the samples that are there, or measure again",
+        output.end(
+            DoubtfulDataError(
+                f"{lost} of {len(trace)} samples of the motion are lost; their torque is empty",
+                where=str(like),
+                fix="use the samples that are there, or measure again",
+            )
         )
-        output.note(str(error))
-        raise click.exceptions.Exit(error.exit_code)
 
 
 def _check_out(out: Path, like: Path | None, duration_s: float | None) -> None:
@@ -105,8 +92,6 @@ def _check_out(out: Path, like: Path | None, duration_s: float | None) -> None:
 
 def _summary(trace: Trace) -> dict[str, float | int | None]:
     """Return size and root mean square of the simulated torque."""
-    import numpy as np
-
     torque = trace["torque_nm"][trace.valid("torque_nm")]
     return {
         "samples": len(trace),

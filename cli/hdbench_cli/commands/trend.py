@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hdbench.errors import LimitError, UsageError
-from hdbench_cli.commands.runs_list import chosen_runs
+from hdbench.records import write_atomic
+from hdbench.records.runfolder import utc_now
+from hdbench.trend import trend_csv, trend_of_runs
+from hdbench_cli.commands.runs import chosen_runs
 from hdbench_cli.inputs import refuse_same_csv
-from hdbench_cli.options import RUN_FILTERS, declared
 from hdbench_cli.output import Output
-from hdbench_cli.text import table, with_uncertainty
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
+from hdbench_cli.text import Line, Lines, styled, table, with_uncertainty
 
 
-@declared(
-    "trend",
-    f"quantity parent {RUN_FILTERS} since by orders probability seed check csv_file html_file",
-)
-def command(
+def trend_command(
     output: Output,
     /,
     quantity: str,
@@ -35,16 +30,7 @@ def command(
     html_file: Path | None,
     **options: Any,
 ) -> None:
-    """Follow one quantity over the runs of a folder: control charts, steps, drift.
-
-    QUANTITY is gain, consistency, hysteresis, zero, misalignment, ripple, friction, noise or
-    residual. Limits come from the runs' own uncertainties and from the scatter between runs. The
-    options that choose runs are those of `hdbench runs list`; `hdbench runs note` adds marks.
-    """
-    from hdbench.records import write_atomic
-    from hdbench.records.runfolder import utc_now
-    from hdbench.trend import trend_csv, trend_of_runs
-
+    """Follow one quantity over the runs of a folder: control charts, steps, drift."""
     refuse_same_csv(csv_file, html_file)
     if orders and quantity != "ripple":
         raise UsageError(
@@ -69,7 +55,7 @@ def command(
 
         files["html"] = str(write_trend(body, trend_csv(body), html_file).html)
     body["files"] = files
-    output.result(body, lambda body: _lines(body, parent))
+    output.result(body, _lines(body, parent))
     names = [_title(group) for group in body["groups"] if group["signals"]]
     if check and names:
         more = " ..." if len(names) > 5 else ""
@@ -92,10 +78,8 @@ def _number(body: Mapping[str, Any] | None) -> str:
     return "" if body is None else with_uncertainty({**body, "dof": None}, "").strip()
 
 
-def _lines(body: Mapping[str, Any], parent: Path) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any], parent: Path) -> Lines:
     """Yield one row a history, then what stands out."""
-    from rich.text import Text
-
     if body["groups"]:
         heads = (body["by"], "runs", "mean", "scatter", "drift a month", "signals")
         title = f"{body['label']} ({body['groups'][0]['unit']})"
@@ -108,18 +92,13 @@ def _lines(body: Mapping[str, Any], parent: Path) -> Iterator[RenderableType]:
     lines += [("page" if name == "html" else name, path) for name, path in body["files"].items()]
     yield from (f"{name:9}{text}" for name, text in lines)
     if any(group["limits"] for group in body["groups"]):
-        yield Text(
-            f"one stable history shows any signal with probability "
-            f"{body['false_alarm_probability']:g}, all its charts together",
-            style="dim",
-        )
+        share = f"{body['false_alarm_probability']:g}, all its charts together"
+        yield styled((f"one stable history shows any signal with probability {share}", "dim"))
 
 
-def _row(group: Mapping[str, Any]) -> list[RenderableType]:
-    from rich.text import Text
-
+def _row(group: Mapping[str, Any]) -> list[Line]:
     limits, count = group["limits"], len(group["signals"])
-    head: list[RenderableType] = [_title(group), str(len(group["points"]))]
+    head: list[Line] = [_title(group), str(len(group["points"]))]
     if limits is None:
         return [*head, f"{group['points'][-1]['value']:.5g} (last)", "", "", group["why_no_limits"]]
     return [
@@ -127,7 +106,7 @@ def _row(group: Mapping[str, Any]) -> list[RenderableType]:
         _number(limits["center"]),
         f"{limits['run_std']:.2g}",
         _number(group["drift_per_month"]),
-        Text(str(count), style="bold red" if count else "green"),
+        styled((str(count), "bold red" if count else "green")),
     ]
 
 

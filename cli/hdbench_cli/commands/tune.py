@@ -3,44 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hdbench import __version__
 from hdbench.errors import DataError, UsageError
-from hdbench_cli.inputs import check_out, choose_profile, read_input
+from hdbench.filter import FilterModel, OscillatorBlock, kernel_name, kernel_reason
+from hdbench.filter.model import SCHEMA
+from hdbench.filter.tuning.result import TuningResult
+from hdbench.filter.tuning.run import TuningSettings, settings_of
+from hdbench.profile import Profile
+from hdbench.records import read_json, write_json
+from hdbench.session.filters import choose_filter, tune_traces
+from hdbench_cli.inputs import Input, check_out, choose_profile, read_input
 from hdbench_cli.next_step import after_tune, next_line
-from hdbench_cli.options import declared
 from hdbench_cli.output import Output
-from hdbench_cli.text import table
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from hdbench.filter import FilterModel
-    from hdbench.filter.tuning.result import TuningResult
-    from hdbench.filter.tuning.run import TuningSettings
-    from hdbench.profile import Profile
-    from hdbench_cli.inputs import Input
+from hdbench_cli.text import Lines, table
 
 
 def tune_inputs(
     inputs: list[Input], base: FilterModel, settings: TuningSettings, profile: Profile
 ) -> TuningResult:
     """Tune a model on traces that were read."""
-    from hdbench import __version__
-    from hdbench.session.filters import tune_traces
-
     origins = {f"trace {item.file}": f"sha256 {item.identity()['sha256']}" for item in inputs}
     origins["tuned by"] = f"hdbench {__version__}, profile {profile.name} {profile.sha256}"
     return tune_traces(profile, base, [item.trace for item in inputs], origins, settings)
 
 
+def tuned_on(item: Input, profile: Profile) -> FilterModel:
+    """Tune the profile's orders on this very trace."""
+    base = choose_filter(profile, None)
+    return tune_inputs([item], base, settings_of(profile.data), profile).model
+
+
 def _with_orders(base: FilterModel, orders: tuple[float, ...]) -> FilterModel:
     """Add ripple blocks; orders below one half belong to the output."""
-    from hdbench.filter import OscillatorBlock
-
     noise = base.blocks[0].process_noise
     added = (
         OscillatorBlock(order, "misalignment" if order < 0.5 else "ripple", noise)
@@ -69,8 +68,6 @@ def _check_target(out: Path, inputs: list[Input]) -> None:
 
 
 def _is_model(file: Path) -> bool:
-    from hdbench.filter.model import SCHEMA
-    from hdbench.records import read_json
 
     try:
         return bool(read_json(file).get("schema") == SCHEMA)
@@ -78,8 +75,7 @@ def _is_model(file: Path) -> bool:
         return False
 
 
-@declared("tune")
-def command(
+def tune_command(
     output: Output,
     sources: tuple[Path, ...],
     out: Path,
@@ -91,16 +87,7 @@ def command(
     calibration: Path | None,
     gain: float | None,
 ) -> None:
-    """Fit the noise parameters of the filter, so that it removes the ripple and keeps the torque.
-
-    Maximum likelihood of the innovations over one or many traces: process noise of every order,
-    slow torque, measurement noise. The result is a model file for --model.
-    """
-    from hdbench.filter import kernel_name, kernel_reason
-    from hdbench.filter.tuning.run import settings_of
-    from hdbench.records import result_header, write_json
-    from hdbench.session.filters import choose_filter
-
+    """Fit the noise parameters of the filter to traces."""
     profile = choose_profile(profile_name, sources[0])
     base = _with_orders(choose_filter(profile, filter_name), orders)
     inputs = [
@@ -116,7 +103,6 @@ def command(
         output.note(f"tuning without the compiled kernel takes hours: {kernel_reason()}")
     found = tune_inputs(inputs, base, settings, profile)
     body = {
-        **result_header("tune", profile),
         "inputs": [item.identity() for item in inputs],
         "out": str(out),
         "torque_scale": inputs[0].scale.to_dict(),
@@ -124,10 +110,10 @@ def command(
         "filter": found.model.to_dict(),
     }
     write_json(out, found.model.to_dict())
-    output.result(body, _lines)
+    output.result(body, _lines(body), kind="tune", profile=profile)
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any]) -> Lines:
     rows = []
     for item in body["parameters"]:
         log_std = item["log_std"]

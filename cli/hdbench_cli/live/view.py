@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 import sys
 import threading
@@ -15,14 +16,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hdbench.profile import Profile
 from hdbench.session.watching import Frame, Watcher
+from hdbench_cli.live.history import History
+from hdbench_cli.live.picture import picture
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from hdbench.profile import Profile
-    from hdbench_cli.live.history import History
 
 # often enough to look alive, seldom enough to cost the acquisition nothing
 _DRAW_S = 0.125
@@ -68,7 +70,6 @@ class LiveView(Watcher):
     _live: Live | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        from hdbench_cli.live.history import History
 
         self._history = History(self.profile.data.servo.velocity_gain_rad_s_per_v, self.clock)
 
@@ -118,8 +119,6 @@ class LiveView(Watcher):
 
     def _draw(self) -> None:
         from rich.live import Live
-
-        from hdbench_cli.live.picture import picture
 
         if self._live is None:
             console = Output.console(stderr=True)
@@ -183,6 +182,5 @@ def live_view(title: str, profile: Profile, folder: Path) -> Iterator[Watcher]:
 
 
 def _pretty() -> bool:
-    import os
 
     return sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb")

@@ -1,17 +1,11 @@
-"""`hdbench calibrate`."""
+"""Results of the experiments as text, and what speaks against them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from hdbench_cli.commands.experiment import Request, run
-from hdbench_cli.options import EXPERIMENT, declared
-from hdbench_cli.output import Output
-from hdbench_cli.text import remark_lines, table, with_uncertainty
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
+from hdbench_cli.text import Lines, probability, remark_lines, table, with_uncertainty
 
 _ACCEPTED = {True: "yes", False: "no", None: "not decided"}
 _OF = (
@@ -21,7 +15,7 @@ _OF = (
 )
 
 
-def lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
+def calibration_lines(result: Mapping[str, Any]) -> Lines:
     """Yield a calibration result: a row for each experiment, then what they give together."""
     heads = ("experiment", "gain N m/V", "zero N m", "residual N m", "n")
     rows = (
@@ -36,11 +30,11 @@ def lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
     )
     yield table(heads, rows, right=heads[1:], title="Gain per loading experiment")
     yield ""
-    yield from summary(result)
+    yield from calibration_summary(result)
     yield from remark_lines(result)
 
 
-def summary(result: Mapping[str, Any]) -> Iterator[str]:
+def calibration_summary(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield gain, consistency and acceptance."""
     yield f"gain         {with_uncertainty(result['gain_nm_per_v'], 'N m/V')}"
     if result["consistency"] is not None:
@@ -81,7 +75,7 @@ def _tests(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return list(result.get("acceptance", {}).get("tests", ()))
 
 
-def failed(result: Mapping[str, Any]) -> str | None:
+def calibration_failed(result: Mapping[str, Any]) -> str | None:
     """Return why the calibration is not accepted, or None."""
     if result["accepted"]:
         return None
@@ -96,12 +90,56 @@ def failed(result: Mapping[str, Any]) -> str | None:
     return f"calibration not accepted: no data to test {untested or 'the consistency'}"
 
 
-@declared("calibrate", f"{EXPERIMENT} preset who mistakes")
-def command(output: Output, /, **options: Any) -> None:
-    """Calibrate the torque sensor by arm and weights with locked wave generator.
+def misalignment_lines(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a misalignment result."""
+    yield "Misalignment torque, once per output turn"
+    yield f"amplitude     {with_uncertainty(result['amplitude_nm'], 'N m')}"
+    yield f"peak to peak  {with_uncertainty(result['peak_to_peak_nm'], 'N m')}"
+    yield f"phase         {with_uncertainty(result['phase_rad'], 'rad')}"
+    for when in ("before", "after"):
+        peak = with_uncertainty(result[when]["peak_to_peak_nm"], "N m")
+        yield f"{when + ' filter':13s} {peak} peak to peak"
+    yield f"output turns  {result['output_turns']:.2f}"
+    yield from remark_lines(result)
 
-    Positions, directions and load ranges come from the profile; each is loaded and unloaded. The
-    drive stays disabled; an encoder that moves stops the experiment. Every accepted reading is
-    kept at once: after a stop or a crash, hdbench runs resume goes on at the next weight.
-    """
-    run(output, Request("calibration", **options))
+
+def ripple_lines(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a ripple result."""
+    yield "Torque ripple"
+    taken = {entry["order"]: entry["suppression_db"] for entry in result["suppression_db"]}
+    for line in result["ripple"]:
+        order = line["order"]
+        yield f"order {order:<7g} {with_uncertainty(line['amplitude_nm'], 'N m')}"
+        yield f"  phase       {with_uncertainty(line['phase_rad'], 'rad')}"
+        if taken.get(order) is not None:
+            yield f"  filter      takes {taken[order]:.1f} dB"
+    others = [(f"also {line['order']:<8.4g}", line) for line in result.get("lines", ())]
+    others += [(f"tone {t['frequency_hz']:<5.4g} Hz", t) for t in result.get("tones", ())]
+    for head, line in others:
+        yield (
+            f"{head} {with_uncertainty(line['amplitude_nm'], 'N m')}"
+            f"  false alarm {probability(line['false_alarm_probability'])}"
+        )
+    rms = result["torque_rms_nm"]
+    yield f"torque rms    {rms['measured']:.4f} measured, {rms['filtered']:.4f} filtered N m"
+    yield from remark_lines(result)
+
+
+def doubts_of(result: Mapping[str, Any]) -> list[str]:
+    """Return every reason to doubt a result: what the run saw and what its data show."""
+    flags = [str(flag["detail"]) for flag in result.get("flags", ())]
+    return [*map(str, result.get("doubts", ())), *flags]
+
+
+LINES = {
+    "calibration": calibration_lines,
+    "misalignment": misalignment_lines,
+    "ripple": ripple_lines,
+}
+
+
+def failed(kind: str, result: Mapping[str, Any]) -> str | None:
+    """Return why a result does not pass, or None; any doubt fails a run with motion."""
+    if kind == "calibration":
+        return calibration_failed(result)
+    return "; ".join(doubts_of(result)) or None
