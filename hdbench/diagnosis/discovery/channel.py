@@ -11,8 +11,9 @@ import numpy as np
 from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
-from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.record import Record, smoothed
 from hdbench.diagnosis.discovery.term import Term
+from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
 
 # no torque is known better than to this share of its scatter
@@ -90,6 +91,8 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
     largest = max(float(np.abs(speed).max()), 1e-12)
     acceleration = np.where(record.valid, motion.acceleration_rad_s2, 0.0)
     slow = np.column_stack([speed, np.tanh(_SHARP * speed / largest), acceleration])
+    # no faster than an acceleration is known: a filter must gain nothing by taking their noise off
+    slow = smoothed(slow, min(1.0, record.period_s / ACCELERATION_WINDOW_S))
 
     def fitted(low_pass: LowPass | None) -> Fit:
         fit = Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, ())
