@@ -220,8 +220,8 @@ def _prepared(
     record = replace(record, added=added)
     for low_pass in channel:
         record = record.behind(low_pass)
-        if "expected-torque" not in task.change.without:
-            record = as_followed(record)
+    if "expected-torque" not in task.change.without:
+        record = as_followed(record)
     late = task.late_s()
     motion = task.given.signal_motion(record.motion)
     return replace(record, motion=motion, late_s=late, late_known=late != 0.0)

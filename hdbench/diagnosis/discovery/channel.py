@@ -92,7 +92,8 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
     acceleration = np.where(record.valid, motion.acceleration_rad_s2, 0.0)
     slow = np.column_stack([speed, np.tanh(_SHARP * speed / largest), acceleration])
     # no faster than an acceleration is known: a filter must gain nothing by taking their noise off
-    slow = smoothed(slow, min(1.0, record.period_s / ACCELERATION_WINDOW_S))
+    share = min(1.0, record.period_s / ACCELERATION_WINDOW_S)
+    slow = np.column_stack([smoothed(slow, share), acceleration])
 
     def fitted(low_pass: LowPass | None) -> Fit:
         fit = Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, ())
