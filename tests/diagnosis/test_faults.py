@@ -310,7 +310,7 @@ def test_noise_that_grows_with_speed_is_measured_and_other_changes_are_none():
     # 0.05 N m at rest, and as much at 100 rad/s
     noise = fault.parameters["noise_nm"]
     assert abs(noise.value - 0.05) < 4.0 * noise.std + 0.002
-    assert found.law.variance(np.array([0.0, 200.0]))[1] > found.law.still
+    assert found.noise_variance.max() > found.noise_variance.min() > 0.0
     columns = bench(40_000, seed=7)
     assert left(columns).faults == ()
     louder = 0.1 * np.linspace(0.0, 1.0, 40_000)

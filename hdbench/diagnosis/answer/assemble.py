@@ -21,7 +21,6 @@ from hdbench.diagnosis.faults.fault import Fault, Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.diagnosis.inspection.channel import held_share
 from hdbench.model import BenchModel, Cause, CauseTerm
-from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest
 
 
@@ -37,12 +36,6 @@ class Findings:
     materiality: float  # smallest share of the residual variance of a cause that counts
     causes: Mapping[str, Cause]  # catalogue
 
-    @property
-    def noise_variance(self) -> FloatArray | None:
-        """Variance of the noise at each sample over its mean; None where it does not change."""
-        law, motion = self.late.law, self.search.fit.record.motion
-        return None if law is None else law.variance(motion.velocity_rad_s)
-
 
 def assemble(
     findings: Findings,
@@ -51,9 +44,10 @@ def assemble(
     told: Told | None = None,
 ) -> Diagnosis:
     """Return the answer of a diagnosis."""
-    first = Fit.start(findings.search.fit.record, _known(findings.search.fit))
+    terms = [part.term for part in findings.search.fit.parts if part.term is not None]
+    first = Fit.start(findings.search.fit.record, [term for term in terms if term.known])
     baseline_left = residual_nm(first)
-    told = told or tell(findings.search, findings.given, rng, findings.noise_variance)
+    told = told or tell(findings.search, findings.given, rng, findings.late.noise_variance)
     fit = told.fit
     faults = (*findings.inspected.faults, *findings.late.faults)
     named = [*_of_faults(findings, faults, told), *told.causes]
@@ -96,10 +90,6 @@ def assemble(
         model=extended,
         pictures=_pictures(findings, fit, extended, baseline_left),
     )
-
-
-def _known(fit: Fit) -> list[Any]:
-    return [part.term for part in fit.parts if part.term is not None and part.term.known]
 
 
 def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> list[NamedCause]:
@@ -162,9 +152,9 @@ def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> Benc
         amplitude, phase = findings.given.misalignment
         for name, part in (("cosine", np.cos(phase)), ("sine", -np.sin(phase))):
             values[names.index(f"misalignment:{name}")] += amplitude * float(part)
-    kept = {cause.name for cause in told.causes}
+    kept = {cause.name for cause in (*told.causes, *findings.given.causes)}
     held = [t for t in findings.given.causes if not findings.causes[t.name].additive]
-    terms = [t for t in told.terms if t.name in kept or _was_given(findings, t)]
+    terms = [t for t in told.terms if t.name in kept]
     new = [
         CauseTerm(fault.name, dict(fault.shape), ())
         for fault in faults
@@ -172,10 +162,6 @@ def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> Benc
     ]
     model = findings.given.with_baseline(tuple(names), values)
     return replace(model, causes=(*terms, *held, *new), load=fit.record.load)
-
-
-def _was_given(findings: Findings, term: CauseTerm) -> bool:
-    return any(t.name == term.name for t in findings.given.causes)
 
 
 def _as_given(fit: Fit, given: BenchModel) -> float:
@@ -187,7 +173,6 @@ def _as_given(fit: Fit, given: BenchModel) -> float:
 
 def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
     """Return how the answer came about: noise, baseline, form errors, effects like the zero."""
-    amounts = fit.spectrum.power
     ripple = []
     information = np.linalg.pinv(fit.information[np.ix_(fit.active, fit.active)], hermitian=True)
     active = np.flatnonzero(fit.active)
@@ -210,7 +195,7 @@ def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
             "kind": "spectrum",
             "rms_nm": noise_rms_nm(fit),
             "frequency_hz": fit.bands.frequency_hz.tolist(),
-            "power_nm2": amounts.tolist(),
+            "power_nm2": fit.spectrum.power.tolist(),
         },
         "torque_bandwidth_hz": None if not np.isfinite(_bandwidth(fit)) else _bandwidth(fit),
         "torque_low_pass": _low_pass(fit),
