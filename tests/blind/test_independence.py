@@ -8,8 +8,10 @@ import pytest
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 OWN = ("injector", "scorer", "rivals")
-FOREIGN = {"dataclasses", "numpy", "scipy", "collections", "math", "statistics", "hashlib",
-           "itertools", "json", "random", "importlib", "pysindy", "sysidentpy"}  # fmt: skip
+FOREIGN = {
+    "dataclasses", "numpy", "scipy", "collections", "math", "statistics", "hashlib", "itertools",
+    "json", "random", "importlib", "pathlib", "tomllib", "pysindy", "sysidentpy",
+}  # fmt: skip
 
 
 def imported(path):

@@ -103,8 +103,8 @@ class _Record:
     def told(self, which):
         """(truth, torque) of one effect, its sigmas and its group beside all others."""
         family, scene, shape, size = self._seen(which, self.chosen)
-        truth, torque = described(family.name, "physical", family, scene, shape, size, None,
-                                  self.white, self.raw_beside(which, self.chosen))  # fmt: skip
+        beside = self.raw_beside(which, self.chosen)
+        truth, torque = described("physical", family, scene, shape, size, None, self.white, beside)
         return {**truth, "d": self.sigmas(which, self.chosen)}, torque
 
     def take(self, name, family, shape, size):

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 def open_truth(sealed, mark):
@@ -119,15 +119,11 @@ GROUP = 0.01
 # ... and below which a name that the answer puts into the group is not held against it: another
 # form of the same effect turns a column by some degrees
 _TOLERATED = 0.03
+# faults whose flag is an answer too
 _FLAGS = {
-    "missed-samples": {"missed-samples"},
-    "spikes": {"spikes"},
-    "quantisation": {"quantisation"},
-    "encoder-slip": {"encoder-slip"},
-    "tacho-ripple": {"tacho-ripple"},
-    "speed-dependent-noise": {"speed-dependent-noise"},
-    "saturation": {"saturation"},
-}
+    "missed-samples", "spikes", "quantisation", "encoder-slip", "tacho-ripple",
+    "speed-dependent-noise", "saturation",
+}  # fmt: skip
 # bad data: names, of causes or flags, that tell the fault; none for what is no fault
 FAULT_NAMES = {
     "gaps": {"missed-samples"},
@@ -144,21 +140,20 @@ FAULT_NAMES = {
 class Verdict:
     """What one answer is worth; see the benchmark's page for the definitions."""
 
-    answered: bool
-    alarm: bool
-    exact: bool
-    covered: bool
-    set_size: float
-    wrong_certain: bool
-    named: tuple
-    phantoms: int
-    unexplained: int
-    found: int
     hidden: int
-    right_domain: bool
-    place_error: float | None
-    rivals_told: bool
-    deviations: tuple = field(default=())
+    answered: bool = False
+    alarm: bool = False
+    exact: bool = False
+    covered: bool = False
+    set_size: float = 0.0
+    wrong_certain: bool = False
+    named: tuple = ()
+    phantoms: int = 0
+    unexplained: int = 0
+    found: int = 0
+    right_domain: bool = False
+    place_error: float | None = None
+    deviations: tuple = ()
     probability: float | None = None
     gain: tuple | None = None
     fault_told: bool = False
@@ -188,8 +183,8 @@ def _is_exact(cause, entry):
 
 def _flagged(answer, entry):
     """Flags that name the fault: they are causes too."""
-    known = _FLAGS.get(entry["name"], set())
-    return any(flag["name"] in known for flag in answer.get("data_flags", ()))
+    name = entry["name"]
+    return name in _FLAGS and any(flag["name"] == name for flag in answer.get("data_flags", ()))
 
 
 def _tells_fault(told, answer):
@@ -216,17 +211,12 @@ def _set_size(cause):
     return 1.0 + len(set(cause.get("rivals", ())) - set(cause.get("group", ())))
 
 
-def _empty(hidden):
-    return Verdict(False, False, False, False, 0.0, False, (), 0, 0, 0, len(hidden), False, None,
-                   False)  # fmt: skip
-
-
 def judge(truth, entry):
     """Judge one answer (an entry of the runner) by the truth."""
     hidden = truth["hidden"]
     answer = entry.get("answer")
     if answer is None:
-        return _empty(hidden)
+        return Verdict(len(hidden))
     causes, left = answer["causes"], answer["unexplained"]
     flagged = [_flagged(answer, effect) for effect in hidden]
     matched = match(causes, hidden, _fits)
@@ -243,6 +233,7 @@ def judge(truth, entry):
     in_domain, error = located(truth, answer)
     first = causes[matched[0]] if 0 in matched else None
     return Verdict(
+        len(hidden),
         answered=True,
         alarm=alarm,
         exact=bool(hidden) and len(right) == len(hidden) and not strays and not left,
@@ -253,10 +244,8 @@ def judge(truth, entry):
         phantoms=len(strays),
         unexplained=len(left),
         found=len(found),
-        hidden=len(hidden),
         right_domain=in_domain,
         place_error=error,
-        rivals_told=any(cause.get("rivals") for cause in causes),
         deviations=deviations(truth, matched, causes),
         probability=_probability(first or (causes[0] if causes else None)),
         gain=_gain(truth, answer),
