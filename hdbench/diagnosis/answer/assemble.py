@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdict_of
-from hdbench.diagnosis.answer.testable import testable
+from hdbench.diagnosis.answer.testable import TorqueChannel, testable
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import SAMPLED
 from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
@@ -54,7 +54,6 @@ def assemble(
     causes, minor = by_share(named, findings.materiality)
     places, small = by_share(told.places, findings.materiality)
     extended = _extended(findings, told, faults)
-    motion = fit.record.motion
     noise = noise_rms_nm(fit)
     given = findings.given
     torque = fit.record.torque_nm[fit.record.valid]
@@ -71,13 +70,15 @@ def assemble(
         rest=Rest(told.after.rms_nm, noise, places),
         testable=testable(
             findings.causes.values(),
-            motion,
-            torque_bandwidth_hz=_bandwidth(fit),
-            rate_hz=1.0 / fit.record.period_s,
-            torque_step_nm=step,
-            torque_noise_nm=noise,
-            held_share=held_share(torque, step, CHANCE),
-            derived=findings.inspected.derived,
+            fit.record.motion,
+            TorqueChannel(
+                _bandwidth(fit),
+                1.0 / fit.record.period_s,
+                step,
+                noise,
+                held_share(torque, step, CHANCE),
+            ),
+            findings.inspected.derived,
         ),
         minimum_detectable=minimum_detectable(findings.search),
         simulated=ModelFit(

@@ -6,12 +6,12 @@ from itertools import product
 import numpy as np
 
 from .build import Case, Hidden, build, build_unseen
+from .family import read_table
 from .faults import ACQUISITION, FAULTS
 from .lines import LINES
 from .loads import build_loads
 from .many import GROUPS, build_many, groups_in_turn
 from .mechanics import MECHANICS
-from .motion import DUELS
 from .outside import OUTSIDE
 from .rough import build_pair
 
@@ -130,18 +130,15 @@ def _outside(base, scale):
 
 
 def _duels(base, scale):
-    for k in range(round(3 * scale)):
-        for pair, (one, two, poor, poor_size, alike) in DUELS.items():
-            for name in (one, two):
-                for record, tier in ((poor, poor_size), ("compact", "d20")):
-                    word = "poor" if record == poor else "good"
-                    key = f"E-{pair}-{name}-{word}-{k}"
-                    fixed = (alike[name],) if name in alike and word == "poor" else ()
-                    hidden = (Hidden(name, tier, fixed),)
-                    seed = _seed(base, key)
-                    yield Case(
-                        key, "E", record, seed=seed, hidden=hidden, note=f"{one}|{two}|{word}"
-                    )
+    for k, (pair, duel) in product(range(round(3 * scale)), read_table("pairs")["duels"].items()):
+        for name in duel["names"]:
+            for word, record, tier in (
+                ("poor", duel["record"], duel["size"]), ("good", "compact", "d20")
+            ):  # fmt: skip
+                alike = duel.get("alike", {}).get(name) if word == "poor" else None
+                hidden = (Hidden(name, tier, (tuple(alike),) if alike else ()),)
+                key, note = f"E-{pair}-{name}-{word}-{k}", "|".join((*duel["names"], word))
+                yield Case(key, "E", record, seed=_seed(base, key), hidden=hidden, note=note)
 
 
 def _bad(base, scale):

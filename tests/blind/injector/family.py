@@ -7,7 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-TABLE = tomllib.loads(Path(__file__).with_name("families.toml").read_text())
+
+def read_table(name):
+    """A table of this folder."""
+    return tomllib.loads(Path(__file__).with_name(f"{name}.toml").read_text())
+
+
+TABLE = read_table("families")
 
 
 @dataclass(frozen=True)

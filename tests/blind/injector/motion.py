@@ -301,29 +301,6 @@ def pieces_of(record, rng):
     return RECORDS[record](rng)
 
 
-# pair: (one, other, poor record, size on it, shape parameters that make them look alike on it);
-# the good record is the compact protocol
-DUELS = {
-    "unbalance-eccentricity": (
-        "motor-unbalance", "wave-generator-eccentricity", "one-speed", "d15", {}),
-    "tone-harmonic": ("structural-tone", "ripple-harmonic", "one-speed", "d15",
-                      {"structural-tone": ("frequency_hz", 41.3),
-                       "ripple-harmonic": ("order", 3.0)}),
-    "creep-warmup": ("creep", "warm-up", "hanging", "d15",
-                     {"creep": ("constant_s", 9.0), "warm-up": ("constant_s", 9.0)}),
-    "coulomb-step": ("coulomb-friction", "zero-step", "one-reversal", "d15",
-                     {"zero-step": ("at_s", 20.04)}),
-    "drift-warmup": ("zero-drift", "warm-up", "brief", "d15", {"warm-up": ("constant_s", 100.0)}),
-    "gain-position": ("gain-error", "position-dependent-gain", "one-angle", "d15", {}),
-    "cubic-saturation": ("cubic-nonlinearity", "saturation", "one-angle", "d10", {}),
-    "coulomb-viscous": ("coulomb-friction", "viscous-friction", "two-speeds", "d15", {}),
-    "gain-inertia": ("gain-error", "inertia-error", "free", "d10", {}),
-    "load-gain-ripple": ("load-dependent-ripple", "gain-ripple", "one-sign", "d15", {}),
-    "coulomb-load": ("coulomb-friction", "load-dependent-friction", "one-load", "d15", {}),
-    "gain-asymmetry": ("gain-error", "direction-asymmetry", "one-sign", "d15", {}),
-}  # fmt: skip
-
-
 def duel_pieces(record, rng):
     """Return the pieces of a poor record."""
     speed = float(rng.uniform(60.0, 120.0))

@@ -3,7 +3,9 @@
 import hashlib
 import json
 import math
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 
 
 def open_truth(sealed, mark):
@@ -13,55 +15,20 @@ def open_truth(sealed, mark):
     return json.loads(sealed["text"])
 
 
-_LINE = (("amplitude_nm", "size", 1.0),)
-# family: (parameter of the answer, truth's name, factor from the truth's unit to the answer's);
-# a factor "per_s" divides by the record's length
-_SAME = {
-    "ripple-harmonic": (*_LINE, ("order", "order", 1.0)),
-    "wave-generator-eccentricity": _LINE,
-    "motor-unbalance": (("amplitude_nm", "size", 1.0 / 9.0),),
-    "load-dependent-ripple": (("amplitude_nm", "size", 10.0),),
-    "gain-ripple": (("amplitude_nm", "size", 10.0),),
-    "torsional-resonance": (("resonance_hz", "resonance_hz", 1.0), ("damping", "damping", 1.0)),
-    "tooth-mesh": _LINE,
-    "bearing-defect": (("order", "order", 1.0),),
-    "angular-misalignment": _LINE,
-    "mains-hum": (*_LINE, ("frequency_hz", "frequency_hz", 1.0)),
-    "structural-tone": (*_LINE, ("frequency_hz", "frequency_hz", 1.0)),
-    "viscous-friction": (("viscous_nm_s_per_rad", "size", 1.0 / 400.0),),
-    "gain-error": (("gain_error", "size", 1.0),),
-    "cubic-nonlinearity": (("cubic_nm", "size", 0.064),),
-    "direction-asymmetry": (("asymmetry", "size", 1.0),),
-    "inertia-error": (("inertia_kg_m2", "size", 1.725e-2),),
-    "time-skew": (("skew_s", "size", 1.0),),
-    "zero-step": (("step_nm", "size", 1.0),),
-    "zero-drift": (("drift_nm_per_s", "size", "per_s"),),
-    "warm-up": (("rise_nm", "size", 1.0), ("time_constant_s", "constant_s", 1.0)),
-    "creep": (("creep", "size", 1.0), ("time_constant_s", "constant_s", 1.0)),
-    "crosstalk": (("crosstalk_nm_per_a", "size", 1.0),),
-}
-
-
-# the same for calibration loads; when a weight was hung between two readings nobody wrote down,
-# so that the creep of injector and answer are not the same number
-_STATIC = {
-    "cubic-nonlinearity": (("cubic_nm", "size", 1.0 / 64.0),),
-    "direction-asymmetry": (("asymmetry", "size", 1.0),),
-    "zero-drift": (("drift_nm_per_s", "size", 1.0 / 3600.0),),
-}
+_NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text())
 
 
 def deviations(truth, matched, causes):
     """((family, parameter, deviation / bound, deviation / stated standard deviation), ...)."""
     out = []
-    known = _STATIC if truth["record"] == "loads" else _SAME
+    known = _NAMES["load_parameters" if truth["record"] == "loads" else "parameters"]
     for which, effect in enumerate(truth["hidden"]):
         if which not in matched or not effect["agrees"]:
             continue
         cause = causes[matched[which]]
         if cause["name"] != effect["name"]:
             continue
-        for reported, name, factor in known.get(effect["name"], ()):
+        for reported, (name, factor) in known.get(effect["name"], {}).items():
             entry = cause["parameters"].get(reported)
             if entry is None or name not in effect["bounds"]:
                 continue
@@ -74,16 +41,6 @@ def deviations(truth, matched, causes):
     return tuple(out)
 
 
-_NEAR = {
-    "motor-order": {"motor-order", "frequency"},
-    "output-order": {"output-order", "time"},
-    "frequency": {"frequency", "time", "motor-order"},
-    "time": {"time", "outliers", "variance"},
-    "velocity": {"velocity", "torque"},
-    "torque": {"torque", "velocity"},
-    "variance": {"variance"},
-    "outliers": {"outliers", "time", "variance"},
-}
 _PLACES = {
     "order-3.37": ("motor-order", 3.37),
     "order-8": ("motor-order", 8.0),
@@ -97,7 +54,7 @@ def located(truth, answer):
     if not truth["hidden"]:
         return False, None
     effect = truth["hidden"][0]
-    allowed = _NEAR.get(effect["domain"], {effect["domain"]})
+    allowed = _NAMES["near"].get(effect["domain"], [effect["domain"]])
     right = any(left["domain"] in allowed for left in answer["unexplained"])
     if effect["name"] not in _PLACES:
         return right, None
@@ -124,16 +81,8 @@ _FLAGS = {
     "missed-samples", "spikes", "quantisation", "encoder-slip", "tacho-ripple",
     "speed-dependent-noise", "saturation",
 }  # fmt: skip
-# bad data: names, of causes or flags, that tell the fault; none for what is no fault
-FAULT_NAMES = {
-    "gaps": {"missed-samples"},
-    "clipping": {"saturation"},
-    "slip": {"encoder-slip"},
-    "wrong-units": {"wrong-channel", "torque-scale", "wrong-unit"},
-    "swapped-channel": {"wrong-channel", "swapped-channel"},
-    "stuck": {"stuck-value"},
-    "noisy-load-cell": set(),
-}
+# bad data: names, of causes or flags, that tell the fault
+FAULT_NAMES = {fault: set(names) for fault, names in _NAMES["faults"].items()}
 
 
 @dataclass(frozen=True)
