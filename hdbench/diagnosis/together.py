@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from hdbench.diagnosis.answer.assemble import assemble
+from hdbench.diagnosis.answer.assemble import assemble, form_errors
 from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdict_of
 from hdbench.diagnosis.discovery.together import Together, piece_searches, tell_together
 from hdbench.diagnosis.discovery.told import minimum_detectable, spectra
@@ -180,11 +180,7 @@ def _settings(told: Together, answers: Sequence[Diagnosis]) -> dict[str, object]
     return {
         "angle_zero": "shared" if fit.record.referenced else "of each record",
         "samples_used": int(fit.record.valid.sum()),
-        "form_errors": [
-            {"name": part.name, "scale": part.form_scale}
-            for part in fit.parts
-            if part.form_scale > 0.0
-        ],
+        "form_errors": form_errors(fit),
         "baseline_ripple": [],
         "not_told_from_zero": [zero for zero in zeros[0] if zero["cause"] in hidden],
     }

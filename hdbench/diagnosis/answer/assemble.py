@@ -153,7 +153,7 @@ def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> Benc
         amplitude, phase = findings.given.misalignment
         for name, part in (("cosine", np.cos(phase)), ("sine", -np.sin(phase))):
             values[names.index(f"misalignment:{name}")] += amplitude * float(part)
-    kept = {cause.name for cause in (*told.causes, *findings.given.causes)}
+    kept = {cause.name for cause in told.causes} | {term.name for term in findings.given.causes}
     held = [t for t in findings.given.causes if not findings.causes[t.name].additive]
     terms = [t for t in told.terms if t.name in kept]
     new = [
@@ -203,14 +203,16 @@ def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
         "motion_known_hz": fit.record.motion_passed * 0.5 / fit.record.period_s,
         "load_coefficient": fit.record.load,
         "samples_used": int(fit.record.valid.sum()),
-        "form_errors": [
-            {"name": part.name, "scale": part.form_scale}
-            for part in fit.parts
-            if part.form_scale > 0.0
-        ],
+        "form_errors": form_errors(fit),
         "baseline_ripple": ripple,
         "not_told_from_zero": _like_zero(fit, named),
     }
+
+
+def form_errors(fit: Fit) -> list[dict[str, Any]]:
+    """Return the size of each form error that the fit has, relative to its part."""
+    some = [part for part in fit.parts if part.form_scale > 0.0]
+    return [{"name": part.name, "scale": part.form_scale} for part in some]
 
 
 def _like_zero(fit: Fit, named: list[NamedCause]) -> list[dict[str, Any]]:
