@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.testable import testable
+from hdbench.diagnosis.answer.testable import TorqueChannel, testable
 from hdbench.diagnosis.inspection import inspect_log
 from hdbench.diagnosis.inspection.log import Log
 from hdbench.diagnosis.inspection.result import ChannelFacts, Inspection
@@ -194,16 +194,13 @@ def _supported(
     )
     torque = next(one for one in seen.channels if one.name in ("torque_nm", "torque_v"))
     gain = profile.data.sensor.gain_nm_per_v if torque.name == "torque_v" else 1.0
-    rate = seen.sampling.rate_hz or 0.0
     derived = tuple((c.name, c.derived_from) for c in seen.channels if c.derived_from)
-    told = testable(
-        catalogue().values(),
-        motion,
-        torque_bandwidth_hz=(torque.bandwidth_hz or 0.0) if _limited(torque) else math.inf,
-        rate_hz=rate,
-        torque_step_nm=(torque.resolution or 0.0) * gain,
-        torque_noise_nm=(torque.noise or 0.0) * gain,
-        held_share=torque.held_share,
-        derived=derived,
+    channel = TorqueChannel(
+        (torque.bandwidth_hz or 0.0) if _limited(torque) else math.inf,
+        seen.sampling.rate_hz or 0.0,
+        (torque.resolution or 0.0) * gain,
+        (torque.noise or 0.0) * gain,
+        torque.held_share,
     )
+    told = testable(catalogue().values(), motion, channel, derived)
     return experiments, tuple(Support(t.name, t.testable, t.because) for t in told)

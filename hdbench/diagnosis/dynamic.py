@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from hdbench.diagnosis.discovery.record import Record, as_followed, on_clock, pr
 from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
+from hdbench.diagnosis.discovery.together import piece_searches, search_together
 from hdbench.diagnosis.evidence import check_rates
 from hdbench.diagnosis.faults.channels import inspect_channels
 from hdbench.diagnosis.faults.converter import coarse_steps
@@ -30,8 +31,6 @@ from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 
-_Found = TypeVar("_Found")
-
 Report = Callable[[str, float], None]
 """Told what is being done and the share done."""
 
@@ -39,6 +38,10 @@ Report = Callable[[str, float], None]
 _SAMPLES_PER_COEFFICIENT = 10
 # noise ahead of a coarse converter, in steps, of which the likeliest is taken
 _DITHERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
+
+
+def silent(_what: str, _share: float) -> None:
+    """Tell nobody how far a computation is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,27 +127,14 @@ def diagnose_trace(
     ``docs/diagnosis.md`` has the model. Two times the same input give the same result.
     """
     task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
-    report = progress or (lambda what, share: None)
+    report = progress or silent
     report("inspecting the channels", 0.0)
     ready = make_ready(task, trace)
     if isinstance(ready, Refused):
         flags, given = ready.inspected.flags, task.given
         return data_bad(given, given.terms(), flags, task.settings, ready.reason)
     rng = np.random.default_rng(seed)
-
-    def find(records: list[Record], told: Report | None) -> tuple[Search, list[Fit]]:
-        found = search(
-            records[0],
-            task.causes,
-            task.known(),
-            alpha=alpha,
-            rng=rng,
-            progress=told,
-            least_share=task.least_share,
-        )
-        return found, [found.told]
-
-    found, (late,) = searched(task, [ready], find, report)
+    found, (late,) = searched(task, [ready], rng, report)
     report("measuring the gain on held-out blocks", 0.9)
     answer = assemble(findings_of(task, ready, found, late), task.settings, rng)
     report("done", 1.0)
@@ -252,28 +242,32 @@ def _unfit(record: Record) -> str:
 
 
 def searched(
-    task: Task,
-    ready: Sequence[Ready],
-    find: Callable[[list[Record], Report | None], tuple[_Found, list[Fit]]],
-    report: Report,
-) -> tuple[_Found, list[ResidualFaults]]:
+    task: Task, ready: Sequence[Ready], rng: np.random.Generator, report: Report
+) -> tuple[Search, list[ResidualFaults]]:
     """Return what a search of records finds, once more where spikes only show in its residual.
 
     And the faults that the residual of each record shows, spikes before the search among them.
     """
 
-    def late_of(fits: list[Fit]) -> list[ResidualFaults]:
+    def find(records: list[Record], told: Report) -> tuple[Search, list[ResidualFaults]]:
+        asked: dict[str, Any] = {"alpha": task.alpha, "rng": rng, "progress": told}
+        asked["least_share"] = task.least_share
+        if len(records) == 1:
+            found = search(records[0], task.causes, task.known(), **asked)
+            fits = [found.told]
+        else:
+            found = search_together(records, task.causes, task.known(), **asked)
+            fits = [piece.fit for piece, _ in piece_searches(found)]
         pairs = zip(ready, fits, strict=True)
-        return [_faults(task, one, fit.record, fit, white=True) for one, fit in pairs]
+        return found, [_faults(task, one, fit, white=True) for one, fit in pairs]
 
     records = [one.record for one in ready]
-    found, fits = find(records, report)
-    late = late_of(fits)
+    found, late = find(records, report)
     if any(faults.spikes.any() for faults in late):
         report("searching again without spikes", 0.8)
         pairs = zip(records, late, strict=True)
-        found, fits = find([_without(one, faults.spikes) for one, faults in pairs], None)
-        late = [_both_late(one, two) for one, two in zip(late, late_of(fits), strict=True)]
+        found, again = find([_without(one, faults.spikes) for one, faults in pairs], silent)
+        late = [_both_late(one, two) for one, two in zip(late, again, strict=True)]
     return found, [_with_early(task, one, two) for one, two in zip(ready, late, strict=True)]
 
 
@@ -294,16 +288,13 @@ def _with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFault
     inspected, spikes = ready.inspected, ready.spikes
     if spikes.any() and not any(fault.name == "spikes" for fault in late.faults):
         whole = _prepared(task, inspected.trace, inspected.masked, ready.record.low_pass)
-        fit = start_fit(whole, task.known())
-        early = _faults(task, ready, fit.record, fit, white=False)
+        early = _faults(task, ready, start_fit(whole, task.known()), white=False)
         late = replace(late, faults=(*early.faults, *late.faults))
     return replace(late, spikes=late.spikes | spikes)
 
 
-def _faults(
-    task: Task, ready: Ready | Inspected, record: Record, fit: Fit, *, white: bool
-) -> ResidualFaults:
-    inspected = ready.inspected if isinstance(ready, Ready) else ready
+def _faults(task: Task, ready: Ready | Inspected, fit: Fit, *, white: bool) -> ResidualFaults:
+    inspected, record = ready.inspected if isinstance(ready, Ready) else ready, fit.record
     # samples that fade in and out at the ends say nothing of the noise
     unfaded = record.valid & (fit.bands.fade > 0.999)
     return faults_of_residual(
@@ -320,14 +311,12 @@ def _faults(
 def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, NDArray[np.bool_]]:
     """Return the record without spikes, and with what coarse readings add on average."""
     fit = start_fit(record, task.known())
-    early = _faults(task, inspected, record, fit, white=False)
-    spikes = early.spikes
-    low_pass = fit.bands.low_pass
-    masked = inspected.masked | spikes[~record.added]
+    early = _faults(task, inspected, fit, white=False)
+    masked, low_pass = inspected.masked | early.spikes[~record.added], fit.bands.low_pass
     record = _prepared(task, inspected.trace, masked, low_pass)
     if any(fault.name == "quantisation" for fault in early.faults):
         record = _rounded(task, record)
-    return record, spikes
+    return record, early.spikes
 
 
 def _rounded(task: Task, record: Record) -> Record:

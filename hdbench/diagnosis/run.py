@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic.dataclasses import dataclass as checked
 
 from hdbench.diagnosis.answer.filter_gain import filter_gain
 from hdbench.diagnosis.answer.result import Diagnosis
@@ -68,34 +69,20 @@ def part_of(
     return held, DiagnosedPart(*ends, kept, len(trace), kept < end - begin)
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class DiagnosisOptions:
-    """What a diagnosis can be asked for.
+    """What a diagnosis can be asked for."""
 
-    Parameters
-    ----------
-    model_file : Path or None
-        Bench model to hold against the record; the profile's where None.
-    alpha : float
-        Probability of any finding on a record without an effect.
-    materiality : float
-        Smallest share of the residual variance of a cause that counts.
-    seed : int
-        Seed of the draws.
-    baseline : tuple of str
-        Terms of the baseline to add or remove, such as ``-misalignment`` or ``+order:6``.
-    cause_files : tuple of Path
-        TOML files with causes of the user's own.
-    from_s, to_s : float or None
-        First and last time of a dynamic run to look at, s; its ends where None.
-    """
-
+    # bench model to hold against the record; the profile's where None
     model_file: Path | None = None
-    alpha: float = 0.01
+    alpha: float = 0.01  # probability of any finding on a record without an effect
+    # smallest share of the residual variance of a cause that counts
     materiality: float = 0.01
-    seed: int = 0
+    seed: int = 0  # of the draws
+    # terms of the baseline to add or remove, such as ``-misalignment`` or ``+order:6``
     baseline: tuple[str, ...] = ()
-    cause_files: tuple[Path, ...] = ()
+    cause_files: tuple[Path, ...] = ()  # TOML files with causes of the user's own
+    # first and last time of a dynamic run to look at, s; its ends where None
     from_s: float | None = None
     to_s: float | None = None
 

@@ -7,17 +7,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from hdbench.diagnosis.answer.assemble import assemble
+from hdbench.diagnosis.answer.assemble import assemble, form_errors
 from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdict_of
-from hdbench.diagnosis.discovery.fit import Fit
-from hdbench.diagnosis.discovery.record import Record
-from hdbench.diagnosis.discovery.search import Search
-from hdbench.diagnosis.discovery.together import (
-    Together,
-    piece_searches,
-    search_together,
-    tell_together,
-)
+from hdbench.diagnosis.discovery.together import Together, piece_searches, tell_together
 from hdbench.diagnosis.discovery.told import minimum_detectable, spectra
 from hdbench.diagnosis.dynamic import (
     Ready,
@@ -28,6 +20,7 @@ from hdbench.diagnosis.dynamic import (
     make_ready,
     make_task,
     searched,
+    silent,
 )
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, Cause
@@ -64,8 +57,11 @@ def diagnose_together(
     the first record. `DataError` where fewer than two records can be used.
     """
     task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
-    report = progress or (lambda what, share: None)
-    every = _all_ready(task, traces, names, report)
+    report = progress or silent
+    every = []
+    for number, (name, trace) in enumerate(zip(names, traces, strict=True)):
+        report(f"inspecting {name}", 0.1 * number / len(traces))
+        every.append(_Named(name, trace, make_ready(task, trace)))
     used = [(one, one.ready) for one in every if isinstance(one.ready, Ready)]
     if len(used) < 2:
         refused = [(one.name, one.ready) for one in every]
@@ -77,26 +73,15 @@ def diagnose_together(
         )
     rng = np.random.default_rng(seed)
     names = [one.name for one, _ in used]
-
-    def find(records: list[Record], told: Report | None) -> tuple[Search, list[Fit]]:
-        found = search_together(
-            records,
-            task.causes,
-            task.known(),
-            alpha=alpha,
-            rng=rng,
-            progress=told or (lambda what, share: None),
-            least_share=task.least_share,
-        )
-        return found, [piece.fit for piece, _ in piece_searches(found)]
-
-    search, late = searched(task, [ready for _, ready in used], find, report)
+    search, late = searched(task, [ready for _, ready in used], rng, report)
     report("measuring the gain on held-out blocks", 0.9)
     findings = [
         findings_of(task, ready, piece, faults)
         for (_, ready), (piece, _), faults in zip(used, piece_searches(search), late, strict=True)
     ]
-    told = tell_together(search, task.given, names, rng, [one.noise_variance for one in findings])
+    told = tell_together(
+        search, task.given, names, rng, [one.late.noise_variance for one in findings]
+    )
     answers = [
         assemble(replace(one, search=piece), task.settings, rng, own)
         for one, (piece, own) in zip(findings, told.records, strict=True)
@@ -113,17 +98,6 @@ class _Named:
     name: str
     trace: Trace
     ready: Ready | Refused
-
-
-def _all_ready(
-    task: Task, traces: Sequence[Trace], names: Sequence[str], report: Report
-) -> list[_Named]:
-    """Return every record, inspected; one that cannot be read as a run is refused too."""
-    out = []
-    for number, (name, trace) in enumerate(zip(names, traces, strict=True)):
-        report(f"inspecting {name}", 0.1 * number / len(traces))
-        out.append(_Named(name, trace, make_ready(task, trace)))
-    return out
 
 
 # --- one answer of all
@@ -206,11 +180,7 @@ def _settings(told: Together, answers: Sequence[Diagnosis]) -> dict[str, object]
     return {
         "angle_zero": "shared" if fit.record.referenced else "of each record",
         "samples_used": int(fit.record.valid.sum()),
-        "form_errors": [
-            {"name": part.name, "scale": part.form_scale}
-            for part in fit.parts
-            if part.form_scale > 0.0
-        ],
+        "form_errors": form_errors(fit),
         "baseline_ripple": [],
         "not_told_from_zero": [zero for zero in zeros[0] if zero["cause"] in hidden],
     }

@@ -5,10 +5,34 @@ breaks a bound here with less than 1 % (binomial law).
 """
 
 import pytest
-from quick import CLEAN, DYNAMIC, LOADS
+from injector.build import Case, Hidden
+from injector.loads import LOAD_FAMILIES
 from runner import answer_case
 from scorer.judge import judge, open_truth
 from scorer.tables import one_line
+
+_SEED = 41000
+_NAMES = (
+    "ripple-harmonic", "motor-unbalance", "structural-tone", "coulomb-friction",
+    "viscous-friction", "gain-error", "cubic-nonlinearity", "hysteresis", "zero-step",
+    "position-dependent-gain",
+)  # fmt: skip
+
+CLEAN = tuple(
+    Case(f"quick-clean-{k}", "A", "compact", noise, seed=_SEED + k)
+    for k, noise in enumerate(("white", "ar", "white", "ar"))
+)
+DYNAMIC = tuple(
+    Case(f"quick-{name}", "B", "compact", ("white", "ar")[k % 2], seed=_SEED + 100 + k,
+         hidden=(Hidden(name, "d20"),))
+    for k, name in enumerate(_NAMES)
+)  # fmt: skip
+LOADS = tuple(
+    Case(f"quick-loads-{name or 'clean'}-{k}", "L", "loads", sigma_nm=0.005,
+         seed=_SEED + 200 + 10 * k + len(name), hidden=(Hidden(name, tier),) if name else ())
+    for k, tier in enumerate(("d20", "high"))
+    for name in (*LOAD_FAMILIES, "", "", "", "")
+)  # fmt: skip
 
 
 def judged(cases):

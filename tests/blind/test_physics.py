@@ -5,7 +5,7 @@ import pytest
 from injector.bench import KINDS, Noise
 from injector.build import Case, Hidden, build, family_of
 from injector.family import branch_loop, effect
-from injector.geometry import Whitened, baseline
+from injector.geometry import Whitened
 from injector.loads import build_loads
 from rivals.oracle import measured_rest, oracle
 
@@ -13,7 +13,7 @@ from rivals.oracle import measured_rest, oracle
 def rest_of(made):
     scene = made.scene
     torque = measured_rest(made)
-    columns = baseline(scene.path.angle, scene.path.output)
+    columns = scene.baseline()
     return torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
 
 

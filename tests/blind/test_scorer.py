@@ -35,40 +35,34 @@ COULOMB = ("coulomb-friction", {"coulomb-friction": 0.0, "presliding": 0.2})
 STEP = ("zero-step", {"zero-step": 0.0, "warm-up": 0.004})
 
 
-def test_true_name_alone_is_exact():
-    verdict = judge(truth(COULOMB), said(("coulomb-friction", (), ())))
-    assert verdict.exact
-    assert verdict.covered
-    assert not verdict.wrong_certain
+@pytest.mark.parametrize(
+    ("effect", "causes", "expected"),
+    [
+        (COULOMB, [("coulomb-friction", (), ())],
+         {"exact": True, "covered": True, "wrong_certain": False}),
+        (COULOMB, [("coulomb-friction", (), ("presliding",))],
+         {"exact": False, "covered": True, "set_size": 2.0}),
+        # another name of the same space
+        (STEP, [("warm-up", ("zero-step",), ())], {"exact": True}),
+        (COULOMB, [("gain-error", (), ())], {"wrong_certain": True}),
+        (COULOMB, [("gain-error", (), ("zero-step",))], {"wrong_certain": False}),
+        (COULOMB, [("coulomb-friction", (), ()), ("creep", (), ())],
+         {"phantoms": 1, "exact": False, "covered": True}),
+    ],
+)  # fmt: skip
+def test_one_effect_is_judged_by_the_names_of_all_causes(effect, causes, expected):
+    verdict = judge(truth(effect), said(*causes))
+    assert {key: getattr(verdict, key) for key in expected} == expected
 
 
-def test_rival_makes_it_covered_and_two_in_the_set():
-    verdict = judge(truth(COULOMB), said(("coulomb-friction", (), ("presliding",))))
-    assert not verdict.exact
-    assert verdict.covered
-    assert verdict.set_size == 2.0
-
-
-def test_other_name_of_the_same_space_is_exact():
-    assert judge(truth(STEP), said(("warm-up", ("zero-step",), ()))).exact
-
-
-def test_wrong_name_without_rivals_is_wrong_certain_and_with_rivals_is_not():
-    assert judge(truth(COULOMB), said(("gain-error", (), ()))).wrong_certain
-    assert not judge(truth(COULOMB), said(("gain-error", (), ("zero-step",)))).wrong_certain
-
-
-def test_second_name_is_a_phantom_and_spoils_the_exactness():
-    verdict = judge(truth(COULOMB), said(("coulomb-friction", (), ()), ("creep", (), ())))
-    assert verdict.phantoms == 1
-    assert not verdict.exact
-    assert verdict.covered
+def rows_of(known, *answers):
+    return [Row((known, answer, judge(known, answer))) for answer in answers]
 
 
 def test_the_first_name_is_right_with_rivals_and_wrong_as_a_rival():
     answers = [said(("coulomb-friction", (), ("presliding",))),
                said(("presliding", (), ("coulomb-friction",))), said()]  # fmt: skip
-    rows = [Row((truth(COULOMB), one, judge(truth(COULOMB), one))) for one in answers]
+    rows = rows_of(truth(COULOMB), *answers)
     assert figures(rows)["first_d10"] == (pytest.approx(1.0 / 3.0), 3)
 
 
@@ -77,7 +71,7 @@ def test_two_effects_of_one_group_are_one():
     near = ("warm-up", {"zero-step": 0.02, "warm-up": 0.0})
     pairs = [truth(STEP, other, part="C"), truth(STEP, near, part="C")]
     answer = said(("zero-step", (), ()), ("warm-up", (), ()))
-    rows = [Row((pair, answer, judge(pair, answer))) for pair in pairs]
+    rows = [row for pair in pairs for row in rows_of(pair, answer)]
     assert figures(rows)["both_d10"] == (1.0, 1)
 
 
@@ -91,32 +85,27 @@ def test_two_effects_need_a_cause_each():
 
 
 def test_clean_record_with_an_unexplained_place_is_a_false_alarm():
-    clean = truth(part="A")
-    rows = [
-        Row((clean, said(left=("time",)), judge(clean, said(left=("time",))))),
-        Row((clean, said(), judge(clean, said()))),
-    ]
+    rows = rows_of(truth(part="A"), said(left=("time",)), said())
     assert figures(rows)["false_alarms_white"] == (0.5, 2)
     assert figures(rows)["false_names_white"] == (0.0, 2)
 
 
 def test_no_answer_is_a_miss_and_counted():
     entry = {"key": "k", "seconds": 1.0, "peak_mb": 1.0, "crashed": "x"}
-    row = Row((truth(COULOMB), entry, judge(truth(COULOMB), entry)))
-    assert figures([row])["crashes"] == (1.0, 1)
-    assert figures([row])["detection_d10"] == (0.0, 1)
+    numbers = figures(rows_of(truth(COULOMB), entry))
+    assert (numbers["crashes"], numbers["detection_d10"]) == ((1.0, 1), (0.0, 1))
 
 
 def test_one_number_marks():
-    marks = []
-    for entry in (
+    answers = [
         said(("coulomb-friction", (), ())),
         said(("coulomb-friction", (), ("presliding",))),
+        # a set of more than three says nothing
+        said(("coulomb-friction", (), ("presliding", "creep", "zero-step"))),
         said(),
         said(("gain-error", (), ())),
-    ):
-        marks.append(mark(Row((truth(COULOMB), entry, judge(truth(COULOMB), entry)))))
-    assert marks == [1.0, 0.5, 0.0, -1.0]
+    ]
+    assert list(map(mark, rows_of(truth(COULOMB), *answers))) == [1.0, 0.5, 0.0, 0.0, -1.0]
 
 
 def test_truth_opens_only_with_its_seal():
@@ -152,24 +141,25 @@ def test_a_fault_told_by_its_own_name_is_no_phantom_and_another_name_is():
     assert not judge(bad("gaps"), flagged).fault_told
 
 
-def near_miss(answer):
-    effect = ("windage", {})
-    case = truth(effect, part="D")
+@pytest.mark.parametrize(
+    ("answer", "honest"),
+    [
+        (said(("viscous-friction", (), ("hysteresis",))), 1.0),
+        (said(("viscous-friction", (), ()), left=("velocity",)), 1.0),
+        (said(("viscous-friction", (), ())), 0.0),
+        (said(), 0.0),
+    ],
+)
+def test_a_near_miss_is_honest_with_rivals_or_a_rest_and_not_in_silence(answer, honest):
+    case = truth(("windage", {}), part="D")
     case["hidden"][0] |= {"perpendicular": 0.2}
-    return figures([Row((case, answer, judge(case, answer)))])["near_miss_honest"]
-
-
-def test_a_near_miss_is_honest_with_rivals_or_a_rest_and_not_in_silence():
-    assert near_miss(said(("viscous-friction", (), ("hysteresis",)))) == (1.0, 1)
-    assert near_miss(said(("viscous-friction", (), ()), left=("velocity",))) == (1.0, 1)
-    assert near_miss(said(("viscous-friction", (), ()))) == (0.0, 1)
-    assert near_miss(said()) == (0.0, 1)
+    assert figures(rows_of(case, answer))["near_miss_honest"] == (honest, 1)
 
 
 def duel(answer, sigmas):
     case = {**truth(COULOMB, part="E"), "note": "coulomb-friction|zero-step|poor"}
     entry = answer if sigmas is None else {**answer, "proposal": {"sigmas": sigmas}}
-    return figures([Row((case, entry, judge(case, entry)))])["duel_poor_set"]
+    return figures(rows_of(case, entry))["duel_poor_set"]
 
 
 def test_a_duel_needs_both_names_and_a_run_that_separates_them_when_it_is_driven():
@@ -178,11 +168,6 @@ def test_a_duel_needs_both_names_and_a_run_that_separates_them_when_it_is_driven
     assert duel(both, 2.0) == (0.0, 1)
     assert duel(both, None) == (0.0, 1)
     assert duel(said(("coulomb-friction", (), ())), 12.0) == (0.0, 1)
-
-
-def test_a_set_of_more_than_three_has_no_mark():
-    wide = said(("coulomb-friction", (), ("presliding", "creep", "zero-step")))
-    assert mark(Row((truth(COULOMB), wide, judge(truth(COULOMB), wide)))) == 0.0
 
 
 def test_counts_that_chance_explains_keep_the_level_at_either_end():

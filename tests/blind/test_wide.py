@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from injector.build import Case, Hidden
 from injector.cases import grid, make
-from injector.geometry import baseline
 from injector.many import GROUPS, groups_in_turn
 from injector.nuisances import NEUTRAL
 from injector.signatures import axes_of
@@ -104,8 +103,8 @@ def test_the_axis_of_an_unseen_effect_spans_it_and_another_does_not():
     rights = others = 0
     for case in [case for case in grid(parts="U") if case.record == "compact"][:4]:
         made = make(case)
-        path, shape = made.scene.path, made.truth["hidden"][0]["shape"]
-        spanned = Spanned(made.torques[0], baseline(path.angle, path.output), axes_of(made.scene))
+        shape = made.truth["hidden"][0]["shape"]
+        spanned = Spanned(made.torques[0], made.scene.baseline(), axes_of(made.scene))
         domains = [AXES[axis] for axis in shape["axes"]]
         bursts = shape["recipe"] == "bursts"
         domains = ["motor-order", *domains] if shape["recipe"] == "order" else domains or ["time"]

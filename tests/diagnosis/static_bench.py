@@ -6,6 +6,7 @@ nothing with what finds it.
 
 import numpy as np
 from injector.build import reach
+from injector.family import effect
 from injector.loads import STATIC, Loading
 
 from hdbench.records import LoadReading, Loads
@@ -40,8 +41,8 @@ def effect_of(name, p, rng):
     """Return the torque of an effect by its size, shapes drawn, and a size to begin with."""
     if name in FAMILIES:
         family = FAMILIES[name]
-        shape = family.draw(rng)
-        return lambda size: family.torque(p, shape, size), family.physical[1]
+        shape = family.draw(rng, p)
+        return lambda size: effect(family, p, shape, size), family.physical[1]
     if name == "side-force":
         unit = np.abs(p.torque) / ARM_M
     elif name == "warm-up":

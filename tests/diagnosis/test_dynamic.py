@@ -4,12 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from swinging_shaft import record
+from swinging_shaft import COUNT, read_by_encoder, record, slipped
 
 from hdbench.diagnosis import DiagnosisOptions, diagnose_loads, diagnose_run, diagnose_trace
 from hdbench.diagnosis.discovery.baseline import parse_baseline
+from hdbench.diagnosis.run import part_of
 from hdbench.errors import DataError, UsageError
-from hdbench.model import load_model, simulate_like
+from hdbench.model import load_model, save_model, simulate_like
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads, Trace, read_json, write_trace
 
@@ -144,3 +145,103 @@ def test_loads_get_their_baselines_residual_and_an_honest_verdict():
 def test_what_is_no_term_of_the_baseline_is_told(term):
     with pytest.raises(UsageError, match="-order:NUMBER"):
         parse_baseline([term])
+
+
+# --- faults of the acquisition
+
+
+def every(result):
+    return {c.name: c for c in (*result.minor, *result.causes)}
+
+
+def test_a_slip_is_named_modelled_and_an_effect_beside_it_is_still_found(tmp_path):
+    columns = read_by_encoder(6000, seed=8, extra=lambda t, a, w: 0.08 * np.cos(6 * a))
+    trace = Trace(slipped(columns, (3000, 150)))
+    result = diagnose_trace(trace, PROFILE)
+    assert [c.name for c in result.causes] == ["encoder-slip", "ripple-harmonic"]
+    slip, ripple = result.causes
+    parameters = slip.parameters
+    assert parameters["slip_rad"].value == pytest.approx(150 * COUNT, abs=COUNT)
+    assert 2.999 <= parameters["step_time_s"].value <= 3.0
+    assert ripple.parameters["order"].value == pytest.approx(6.0, abs=0.01)
+    assert ripple.parameters["amplitude_nm"].value == pytest.approx(0.08, abs=0.004)
+    # without the slip the residual is that of ripple and noise
+    wanted = float(np.hypot(0.05, 0.08 / np.sqrt(2.0)))
+    assert slip.gain.heldout_rms_after_nm == pytest.approx(wanted, rel=0.03)
+    assert slip.gain.interval[0] > 0.0
+    assert "encoder-slip" in {flag.name for flag in result.data_flags}
+    save_model(tmp_path / "model.json", result.model, profile=PROFILE, provenance={})
+    again = diagnose_trace(trace, PROFILE, model=load_model(tmp_path / "model.json"))
+    assert again.verdict == "nothing-found"
+
+
+def test_spikes_and_gaps_are_named_with_what_they_cost():
+    columns = read_by_encoder(6000, seed=11)
+    torque = columns["torque_nm"].copy()
+    at = np.array([900, 2100, 2101, 4444])
+    torque[at] += (1.0, -1.2, -0.9, 0.8)
+    kept = np.r_[0:3000, 3050:6000]
+    trace = Trace({k: v[kept] for k, v in (columns | {"torque_nm": torque}).items()})
+    result = diagnose_trace(trace, PROFILE)
+    assert [c.name for c in result.causes] == ["spikes"]
+    (spikes,) = result.causes
+    assert spikes.parameters["samples"].value == 4.0
+    # 3.89 (N m)^2 of spikes over the noise of 5950 samples
+    share = 3.89 / (3.89 + 5950 * 0.05**2)
+    assert spikes.share_of_variance == pytest.approx(share, abs=0.03)
+    gap = every(result)["missed-samples"]
+    assert (gap.parameters["samples"].value, gap.share_of_variance) == (50.0, 0.0)
+    assert {f.name: f.samples for f in result.data_flags} == {"spikes": 4, "missed-samples": 50}
+
+
+def test_progress_rises_to_one_and_names_the_step():
+    seen = []
+    diagnose_trace(
+        Trace(read_by_encoder(4000)),
+        PROFILE,
+        progress=lambda what, share: seen.append((what, share)),
+    )
+    shares = [share for _, share in seen]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert len({what for what, _ in seen}) >= 6
+
+
+# --- the part of a record that is diagnosed
+
+
+def clocked(n: int = 100) -> Trace:
+    time_s = 5.0 + 0.01 * np.arange(n)
+    return Trace({"time_s": time_s, "torque_nm": np.arange(n, dtype=float)})
+
+
+def test_a_whole_record_is_itself():
+    whole = clocked()
+    assert part_of(whole) == (whole, None)
+    assert part_of(whole, 0.0, 100.0) == (whole, None)
+
+
+def test_both_ends_belong_to_the_part():
+    held, part = part_of(clocked(), 5.2, 5.4)
+    assert held["torque_nm"].tolist() == list(range(20, 41))
+    assert (part.from_s, part.to_s) == pytest.approx((5.2, 5.4))
+    assert (part.samples, part.of_samples, part.cut) == (21, 100, False)
+
+
+def test_a_long_record_is_cut_and_says_so():
+    held, part = part_of(clocked(), from_s=5.5, most=30)
+    assert held["torque_nm"][[0, -1]].tolist() == [50.0, 79.0]
+    assert part.cut
+
+
+@pytest.mark.parametrize(("from_s", "to_s"), [(7.0, None), (None, 4.0), (5.4, 5.2)])
+def test_an_empty_part_is_told_with_the_records_ends(from_s, to_s):
+    with pytest.raises(DataError, match=r"runs from 5 to 5\.99 s"):
+        part_of(clocked(), from_s, to_s)
+
+
+def test_loads_have_no_clock(tmp_path, hdbench):
+    loads = tmp_path / "loads.csv"
+    loads.write_text("experiment,direction,torque_nm,reading_v\n1,cw,1,0.1\n")
+    words = ("diagnose", loads, "--from-s", "1", "--out", tmp_path, "--json")
+    assert "no clock" in json.loads(hdbench(*words, code=2)[0])["error"]["what"]

@@ -89,16 +89,30 @@ def test_a_simulated_torque_is_computed_where_it_has_no_noise(noise_nm):
     assert names.get("torque_nm") == ("computed" if noise_nm == 0.0 else None)
 
 
-def test_a_velocity_made_of_the_angle_is_derived():
-    columns = clean()
-    columns["motor_velocity_rad_s"] = filtered(np.gradient(columns["motor_angle_rad"]) * RATE, 60.0)
-    assert ("derived", "motor_velocity_rad_s") in found(columns)
+def smoothed_rate(columns):
+    rate = np.gradient(columns["motor_angle_rad"]) * RATE
+    return {"motor_velocity_rad_s": filtered(rate, 60.0)}
 
 
-def test_a_torque_made_of_the_current_is_derived():
+def stuck(columns):
+    torque = columns["torque_nm"].copy()
+    torque[3000:3500] = torque[3000]
+    return {"torque_nm": torque}
+
+
+@pytest.mark.parametrize(
+    ("change", "finding"),
+    [
+        (smoothed_rate, ("derived", "motor_velocity_rad_s")),
+        (lambda c: {"motor_current_a": c["torque_nm"] / 2.5}, ("derived", "torque_nm")),
+        (lambda c: {"torque_nm": np.clip(c["torque_nm"], -2.0, 2.0)}, ("saturation", "torque_nm")),
+        (stuck, ("stuck-value", "torque_nm")),
+        (lambda c: clean(noise=0.02, step=0.5), ("coarse-steps", "torque_nm")),
+    ],
+)
+def test_what_was_done_to_a_channel_is_found(change, finding):
     columns = clean()
-    columns["motor_current_a"] = columns["torque_nm"] / 2.5
-    assert ("derived", "torque_nm") in found(columns)
+    assert finding in found(columns | change(columns))
 
 
 @pytest.mark.parametrize("samples", [4, 12])
@@ -121,20 +135,6 @@ def test_held_samples_are_found_and_counted():
     held = {one.name: one.held_share for one in result.channels}
     assert held["torque_nm"] == pytest.approx(0.04, abs=0.01)
     assert held["motor_velocity_rad_s"] == 0.0
-
-
-def test_limits_and_stuck_values_are_found():
-    columns = clean()
-    columns["torque_nm"] = np.clip(columns["torque_nm"], -2.0, 2.0)
-    assert ("saturation", "torque_nm") in found(columns)
-    columns = clean()
-    columns["torque_nm"][3000:3500] = columns["torque_nm"][3000]
-    assert ("stuck-value", "torque_nm") in found(columns)
-
-
-def test_coarse_steps_are_found():
-    columns = clean(noise=0.02, step=0.5)
-    assert ("coarse-steps", "torque_nm") in found(columns)
 
 
 def test_stamps_that_jitter_and_gaps_are_found():

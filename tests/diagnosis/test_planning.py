@@ -133,18 +133,6 @@ def test_in_a_flat_spectrum_shares_are_those_of_white_noise():
         assert one.std_nm == pytest.approx(other.std_nm, rel=0.05)
 
 
-def test_at_one_speed_names_look_alike_that_the_full_protocol_tells_apart():
-    names = ("ripple-harmonic", "structural-tone", "motor-unbalance", "wave-generator-eccentricity")
-    one = compare(motion_at((156.0,), 30.0), effects_named(names), PROFILE)
-    assert one.share("ripple-harmonic", "structural-tone") < 0.01
-    assert ("motor-unbalance", "wave-generator-eccentricity") in one.inseparable()
-    motion = planned_motion(full_protocol(PROFILE, loads=False), PROFILE)
-    full = compare(motion, effects_named(names), PROFILE)
-    assert full.share("ripple-harmonic", "structural-tone") > 0.9
-    assert full.share("motor-unbalance", "wave-generator-eccentricity") > 0.3
-    assert full.inseparable() == ()
-
-
 def test_gravity_and_misalignment_are_alike_on_every_motion():
     motion = planned_motion(full_protocol(PROFILE, loads=False), PROFILE)
     found = compare(motion, effects_named(("misalignment", "load-gravity")), PROFILE)

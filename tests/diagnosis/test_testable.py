@@ -9,14 +9,7 @@ from hdbench.diagnosis.answer import testable as room
 from hdbench.model import Motion, catalogue
 
 RATE_HZ = 500.0
-LIMITS = {
-    "torque_bandwidth_hz": np.inf,
-    "rate_hz": RATE_HZ,
-    "torque_step_nm": 0.0,
-    "torque_noise_nm": 0.05,
-    "held_share": 0.0,
-    "derived": (),
-}
+WHOLE = room.TorqueChannel(np.inf, RATE_HZ, step_nm=0.0, noise_nm=0.05, held_share=0.0)
 
 
 def motion(seconds: float = 40.0) -> Motion:
@@ -43,8 +36,8 @@ def motion(seconds: float = 40.0) -> Motion:
 
 def told(where: Motion, **changed: object) -> dict[str, tuple[bool, str]]:
     """Return what is said of each name."""
-    limits = {**LIMITS, **changed}
-    answer = room.testable(catalogue().values(), where, **limits)
+    derived = changed.pop("derived", ())
+    answer = room.testable(catalogue().values(), where, replace(WHOLE, **changed), derived)
     return {one.name: (one.testable, one.because) for one in answer}
 
 
@@ -59,7 +52,7 @@ def test_every_name_is_told_and_a_rich_record_shows_all_of_them():
 
 
 def test_a_low_pass_hides_what_stands_above_it():
-    answer = told(motion(), torque_bandwidth_hz=5.0)
+    answer = told(motion(), low_pass_hz=5.0)
     hidden = {name for name, (seen, _) in answer.items() if not seen}
     assert hidden >= {"mains-hum", "tooth-mesh", "spikes", "quantisation", "speed-dependent-noise"}
     assert not hidden & {"viscous-friction", "coulomb-friction", "zero-drift", "misalignment"}
@@ -82,13 +75,13 @@ def test_a_line_far_above_the_samples_is_not_taken_for_its_alias(bandwidth_hz):
         angle_rad=speed * time,
         acceleration_rad_s2=np.zeros(len(time)),
     )
-    assert not told(steady, torque_bandwidth_hz=bandwidth_hz)["tooth-mesh"][0]
+    assert not told(steady, low_pass_hz=bandwidth_hz)["tooth-mesh"][0]
 
 
 def test_seen_steps_are_quantisation_at_any_bandwidth_and_hide_fine_noise():
-    answer = told(motion(), torque_bandwidth_hz=5.0, torque_step_nm=0.5)
+    answer = told(motion(), low_pass_hz=5.0, step_nm=0.5)
     assert answer["quantisation"][0]
-    answer = told(motion(), torque_step_nm=0.5)
+    answer = told(motion(), step_nm=0.5)
     assert "steps of 0.5 N m" in answer["speed-dependent-noise"][1]
 
 
@@ -104,7 +97,7 @@ def test_one_channel_accuses_nobody():
     assert not answer["tacho-ripple"][0]
     # the phase of the ripple tells these, where the torque shows it
     assert answer["encoder-slip"][0]
-    answer = told(motion(), derived=pair, torque_bandwidth_hz=0.2)
+    answer = told(motion(), derived=pair, low_pass_hz=0.2)
     assert not answer["encoder-slip"][0]
 
 
@@ -117,8 +110,8 @@ def test_what_never_changes_is_a_zero():
 
 def test_a_long_record_is_judged_from_stretches_of_it():
     long, short = motion(400.0), motion(40.0)
-    assert {k: v[0] for k, v in told(long, torque_bandwidth_hz=20.0).items()} == {
-        k: v[0] for k, v in told(short, torque_bandwidth_hz=20.0).items()
+    assert {k: v[0] for k, v in told(long, low_pass_hz=20.0).items()} == {
+        k: v[0] for k, v in told(short, low_pass_hz=20.0).items()
     }
 
 

@@ -28,7 +28,6 @@ sys.path.insert(0, str(ROOT / "tests" / "blind"))
 
 from injector.build import Case, Hidden, Made  # noqa: E402
 from injector.cases import make  # noqa: E402
-from injector.geometry import baseline  # noqa: E402
 from injector.seal import case_text, salt_of, seal, truth_text  # noqa: E402
 from injector.signatures import axes_of, signatures  # noqa: E402
 from proposal import proposal  # noqa: E402
@@ -149,7 +148,7 @@ def _made(case: Case) -> Made:
 def _spans(made: Made, answer: dict[str, Any]) -> dict[str, Any]:
     """Say which share of the hidden effect the answer's axes and names span on this record."""
     scene = made.scene
-    known = baseline(scene.path.angle, scene.path.output)
+    known = scene.baseline()
     spanned = Spanned(made.torques[0], known, axes_of(scene))
     bursts = made.truth["hidden"][0]["shape"].get("recipe") == "bursts"
     causes = [*answer["causes"], *answer.get("minor", ())]

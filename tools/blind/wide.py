@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scorer.judge import judge
-from scorer.levels import interval
+from scorer.levels import WIDE_LEVELS, interval
 from scorer.real import Real, judge_real, real_figures
 from scorer.tables import one_line
 from scorer.wide import judge_wide, wide_figures, wide_line
@@ -19,47 +19,7 @@ __all__ = ["BEFORE", "WIDE", "keep_before", "line_of", "report_wide", "wide_numb
 WIDE = "TWU"
 BEFORE = Path(__file__).resolve().parents[2] / "docs" / "blind-before.json"
 
-# figure: (words, least, most, as a share)
-_LEVELS: dict[str, tuple[str, float | None, float | None, bool]] = {
-    "T_named": ("T: causes named", 0.95, None, True),
-    "T_right": ("T: whole record right", 0.80, None, True),
-    "T_exact": ("- and no rivals outside the group", None, None, True),
-    "T_false_causes": ("T: false causes per record", None, 0.05, False),
-    "T_false_unexplained": ("T: false unexplained places per record", None, None, False),
-    "T_unreported_rest": ("T: a rest above the noise that is not told", None, 0.0, True),
-    "T_coverage": ("T: 95 % intervals that hold the truth", 0.90, 0.98, True),
-    "T_cpu_s": ("T: s of one core, median", None, None, False),
-    "W_pairs": ("W: pairs answered", None, None, False),
-    "W_detected_plain": ("W: detected, without nuisances", None, None, True),
-    "W_detected_rough": ("W: detected, with nuisances", None, None, True),
-    "W_named_plain": ("W: named, without nuisances", None, None, True),
-    "W_named_rough": ("W: named, with nuisances", None, None, True),
-    "W_exact_plain": ("W: exact, without nuisances", None, None, True),
-    "W_exact_rough": ("W: exact, with nuisances", None, None, True),
-    "W_false_causes_plain": ("W: false causes per record, without", None, None, False),
-    "W_false_causes_rough": ("W: false causes per record, with", None, None, False),
-    "W_false_alarms_plain": ("W: false alarms, clean, without", None, None, True),
-    "W_false_alarms_rough": ("W: false alarms, clean, with nuisances", None, 0.02, True),
-    "W_refused": ("W: usable records refused", None, 0.0, True),
-    "W_coverage": ("W: 95 % intervals that hold the truth", 0.90, 0.98, True),
-    "W_cpu_s": ("W: s of one core, median", None, None, False),
-    "U_right": ("U: right axis, or names that span it", 0.95, None, True),
-    "U_by_axis": ("- by an axis", None, None, True),
-    "U_by_name": ("- by names alone", None, None, True),
-    "U_detected": ("U: anything told", None, None, True),
-    "U_wrong_certain": ("U: wrong names without rivals", None, 0.03, True),
-    "U_names_beside": ("U: names without rivals that do not span it, per record", None, None,
-                       False),
-    "U_cpu_s": ("U: s of one core, median", None, None, False),
-    "R_named": ("real: known names found", 1.0, None, True),
-    "R_orders": ("real: known orders found at their amplitude", 1.0, None, True),
-    "R_parameters": ("real: parameters within 3 standard deviations", 1.0, None, True),
-    "R_stds": ("real: stated standard deviation at most 3 times the known one", 1.0, None, True),
-    "R_forbidden": ("real: names that must not be told", None, 0.0, False),
-    "R_false": ("real: other names, all records", None, None, False),
-    "R_refused": ("real: records refused", None, 0.0, False),
-    "R_cpu_s": ("real: s of one core, all records", None, None, False),
-}  # fmt: skip
+_LEVELS = {level.key: level for level in WIDE_LEVELS}
 # W: the record with nuisances may stay this much behind its partner
 _BEHIND = 0.05
 
@@ -126,7 +86,7 @@ def report_wide(rows: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> Iterab
     """Yield the figures of parts T, W, U and R as lines of text."""
     for key, (value, count) in wide_numbers(rows).items():
         shown = "-" if value is None else f"{value:.3f}"
-        yield f"{_LEVELS[key][0]:60s} {shown:>8s}  n = {count}"
+        yield f"{_LEVELS[key].words:60s} {shown:>8s}  n = {count}"
 
 
 def keep_before(
@@ -150,7 +110,8 @@ def _shown(told: Sequence[Any] | None, percent: bool) -> str:
 
 
 def _limits(key: str, numbers: Mapping[str, Any]) -> tuple[float | None, float | None]:
-    _, least, most, _ = _LEVELS[key]
+    level = _LEVELS[key]
+    least, most = (None, level.needed) if level.low else (level.needed, level.most)
     if key in ("W_detected_rough", "W_named_rough"):
         partner = numbers.get(key.replace("rough", "plain"), (None, 0))[0]
         least = None if partner is None else partner - _BEHIND
@@ -158,7 +119,7 @@ def _limits(key: str, numbers: Mapping[str, Any]) -> tuple[float | None, float |
 
 
 def _level(key: str, numbers: Mapping[str, Any]) -> str:
-    scale, unit = (100.0, " %") if _LEVELS[key][3] else (1.0, "")
+    scale, unit = (100.0, " %") if _LEVELS[key].percent else (1.0, "")
     pairs = zip((">=", "<="), _limits(key, numbers), strict=True)
     said = [f"{sign} {scale * limit:.4g}{unit}" for sign, limit in pairs if limit is not None]
     return " and ".join(said) or "-"
@@ -170,7 +131,7 @@ def _mark(key: str, numbers: Mapping[str, Any]) -> str:
     value, count = numbers.get(key, (None, 0))
     if value is None or (least is None and most is None):
         return "-"
-    percent = _LEVELS[key][3]
+    percent = _LEVELS[key].percent
     for low, high, words in (
         (value, value, "pass"),
         (*(interval(value, count) if percent else (value, value)), "missed, within chance"),
@@ -188,10 +149,10 @@ def wide_page(rows: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> Iterable
     yield f"`before`: engine {before.get('engine', '-')} on fewer records of the same parts.\n"
     yield "| figure | level | before | measured (95 % interval) | |"
     yield "|---|---|---|---|---|"
-    for key, (words, _, _, percent) in _LEVELS.items():
-        old, new = (_shown(some.get(key), percent) for some in (before["figures"], numbers))
+    for key, figure in _LEVELS.items():
+        old, new = (_shown(some.get(key), figure.percent) for some in (before["figures"], numbers))
         level, mark = _level(key, numbers), _mark(key, numbers)
-        yield f"| {words} | {level} | {old} | {new} | {mark} |"
+        yield f"| {figure.words} | {level} | {old} | {new} | {mark} |"
     yield ""
     yield "### Records of others\n"
     yield "A `?` marks what is known and was not told, `OFF` a value beyond 3 standard deviations,"

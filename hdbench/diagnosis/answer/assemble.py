@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdict_of
-from hdbench.diagnosis.answer.testable import testable
+from hdbench.diagnosis.answer.testable import TorqueChannel, testable
 from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import FAST, SAMPLED
@@ -22,7 +22,6 @@ from hdbench.diagnosis.faults.fault import Fault, Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.diagnosis.inspection.channel import held_share
 from hdbench.model import BenchModel, Cause, CauseTerm
-from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest
 
 
@@ -38,12 +37,6 @@ class Findings:
     materiality: float  # smallest share of the residual variance of a cause that counts
     causes: Mapping[str, Cause]  # catalogue
 
-    @property
-    def noise_variance(self) -> FloatArray | None:
-        """Variance of the noise at each sample over its mean; None where it does not change."""
-        law, motion = self.late.law, self.search.fit.record.motion
-        return None if law is None else law.variance(motion.velocity_rad_s)
-
 
 def assemble(
     findings: Findings,
@@ -54,16 +47,16 @@ def assemble(
     """Return the answer of a diagnosis."""
     record = findings.search.fit.record
     record = record if record.late_known else replace(record, late_s=0.0)
-    first = start_fit(record, _known(findings.search.fit))
+    terms = [part.term for part in findings.search.fit.parts if part.term is not None]
+    first = start_fit(record, [term for term in terms if term.known])
     baseline_left = residual_nm(first)
-    told = told or tell(findings.search, findings.given, rng, findings.noise_variance)
+    told = told or tell(findings.search, findings.given, rng, findings.late.noise_variance)
     fit = told.fit
     faults = (*findings.inspected.faults, *findings.late.faults)
     named = [*_of_faults(findings, faults, told), *told.causes]
     causes, minor = by_share(named, findings.materiality)
     places, small = by_share(told.places, findings.materiality)
     extended = _extended(findings, told, faults)
-    motion = fit.record.motion
     noise = noise_rms_nm(findings.search.told)
     given = findings.given
     torque = fit.record.torque_nm[fit.record.valid]
@@ -80,13 +73,15 @@ def assemble(
         rest=Rest(told.after.rms_nm, noise, places),
         testable=testable(
             findings.causes.values(),
-            motion,
-            torque_bandwidth_hz=_bandwidth(fit),
-            rate_hz=1.0 / fit.record.period_s,
-            torque_step_nm=step,
-            torque_noise_nm=noise,
-            held_share=held_share(torque, step, CHANCE),
-            derived=findings.inspected.derived,
+            fit.record.motion,
+            TorqueChannel(
+                _bandwidth(fit),
+                1.0 / fit.record.period_s,
+                step,
+                noise,
+                held_share(torque, step, CHANCE),
+            ),
+            findings.inspected.derived,
         ),
         minimum_detectable=minimum_detectable(findings.search),
         simulated=ModelFit(
@@ -99,10 +94,6 @@ def assemble(
         model=extended,
         pictures=_pictures(findings, fit, extended, baseline_left),
     )
-
-
-def _known(fit: Fit) -> list[Any]:
-    return [part.term for part in fit.parts if part.term is not None and part.term.known]
 
 
 def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> list[NamedCause]:
@@ -169,9 +160,9 @@ def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> Benc
         amplitude, phase = findings.given.misalignment
         for name, part in (("cosine", np.cos(phase)), ("sine", -np.sin(phase))):
             values[names.index(f"misalignment:{name}")] += amplitude * float(part)
-    kept = {cause.name for cause in told.causes}
+    kept = {cause.name for cause in told.causes} | {term.name for term in findings.given.causes}
     held = [t for t in findings.given.causes if not findings.causes[t.name].additive]
-    terms = [t for t in told.terms if t.name in kept or _was_given(findings, t)]
+    terms = [t for t in told.terms if t.name in kept]
     new = [
         CauseTerm(fault.name, dict(fault.shape), ())
         for fault in faults
@@ -179,10 +170,6 @@ def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> Benc
     ]
     model = findings.given.with_baseline(tuple(names), values)
     return replace(model, causes=(*terms, *held, *new), load=fit.record.load)
-
-
-def _was_given(findings: Findings, term: CauseTerm) -> bool:
-    return any(t.name == term.name for t in findings.given.causes)
 
 
 def _as_given(fit: Fit, given: BenchModel) -> float:
@@ -194,7 +181,6 @@ def _as_given(fit: Fit, given: BenchModel) -> float:
 
 def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
     """Return how the answer came about: noise, baseline, form errors, effects like the zero."""
-    amounts = fit.spectrum.power
     ripple = []
     information = np.linalg.pinv(fit.information[np.ix_(fit.active, fit.active)], hermitian=True)
     active = np.flatnonzero(fit.active)
@@ -217,21 +203,23 @@ def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
             "kind": "spectrum",
             "rms_nm": noise_rms_nm(fit),
             "frequency_hz": fit.bands.frequency_hz.tolist(),
-            "power_nm2": amounts.tolist(),
+            "power_nm2": fit.spectrum.power.tolist(),
         },
         "torque_bandwidth_hz": None if not np.isfinite(_bandwidth(fit)) else _bandwidth(fit),
         "torque_low_pass": _low_pass(fit),
         "motion_known_hz": fit.record.motion_passed * 0.5 / fit.record.period_s,
         "load_coefficient": fit.record.load,
         "samples_used": int(fit.record.valid.sum()),
-        "form_errors": [
-            {"name": part.name, "scale": part.form_scale}
-            for part in fit.parts
-            if part.form_scale > 0.0
-        ],
+        "form_errors": form_errors(fit),
         "baseline_ripple": ripple,
         "not_told_from_zero": _like_zero(fit, named),
     }
+
+
+def form_errors(fit: Fit) -> list[dict[str, Any]]:
+    """Return the size of each form error that the fit has, relative to its part."""
+    some = [part for part in fit.parts if part.form_scale > 0.0]
+    return [{"name": part.name, "scale": part.form_scale} for part in some]
 
 
 def _like_zero(fit: Fit, named: list[NamedCause]) -> list[dict[str, Any]]:

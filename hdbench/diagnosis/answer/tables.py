@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hdbench.diagnosis.answer.result import Pictures
 from hdbench.records import FloatArray, write_atomic
@@ -48,59 +47,43 @@ def write_table(path: Path, columns: Columns) -> None:
 
 def residual_maps(pictures: Pictures) -> dict[str, dict[str, FloatArray]]:
     """Return the residual in bins of time, speed, acceleration, torque and angles, by domain."""
-    return {
-        domain: columns
-        for domain, name, values, bins in _binned(pictures)
-        if (columns := _map(pictures, name, values, bins, domain == "variance"))
-    }
-
-
-def _binned(pictures: Pictures) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
-    """Yield domain, column name, values and bin (NaN for none) of each quantity."""
-    # enough to show a kink of a friction curve, few enough that each holds hundreds of samples of a
-    # record of a minute
-    n_bins, speed = 48, pictures.velocity_rad_s
+    speed, turn = pictures.velocity_rad_s, 2.0 * np.pi
+    maps = {}
     for domain, name, values in (
         ("time", "time_s", pictures.time_s),
         ("velocity", "motor_velocity_rad_s", speed),
         ("acceleration", "motor_acceleration_rad_s2", pictures.acceleration_rad_s2),
         ("torque", "applied_torque_nm", pictures.applied_nm),
         ("variance", "absolute_velocity_rad_s", np.abs(speed)),
+        ("output-angle", "output_angle_rad", np.mod(pictures.output_angle_rad, turn)),
+        ("motor-angle", "motor_angle_rad", np.mod(pictures.motor_angle_rad, turn)),
     ):
-        good = _usable(pictures, values)
-        bins = np.full(len(values), np.nan)
-        low, width = 0.0, 0.0
-        if good.any():
-            low, width = float(values[good].min()), float(np.ptp(values[good])) / n_bins
-        if width > 0.0:
-            bins[good] = np.minimum(np.floor((values[good] - low) / width), n_bins - 1.0)
-        yield domain, name, values, bins
-    for domain, name, values in (
-        ("output-angle", "output_angle_rad", pictures.output_angle_rad),
-        ("motor-angle", "motor_angle_rad", pictures.motor_angle_rad),
-    ):
-        wrapped = np.mod(values, 2.0 * np.pi)
-        yield domain, name, wrapped, np.floor(wrapped / (2.0 * np.pi) * n_bins)
+        if columns := _map(pictures, name, values, domain):
+            maps[domain] = columns
+    return maps
 
 
-def _usable(pictures: Pictures, values: FloatArray) -> NDArray[np.bool_]:
-    left = pictures.residual_before_nm + pictures.residual_after_nm
-    return np.asarray(np.isfinite(left + values) & ~pictures.masked)
-
-
-def _map(
-    pictures: Pictures, name: str, values: FloatArray, bins: FloatArray, rms: bool
-) -> dict[str, FloatArray]:
+def _map(pictures: Pictures, name: str, values: FloatArray, domain: str) -> dict[str, FloatArray]:
     """Return the columns of a map; none where there is nothing to map."""
-    good = _usable(pictures, values) & np.isfinite(bins)
-    if not good.any():
+    left = pictures.residual_before_nm + pictures.residual_after_nm
+    good = np.isfinite(left + values) & ~pictures.masked
+    chosen = values[good]
+    # a spread of less than 1e-9 of the size is rounding
+    if not len(chosen) or not np.ptp(chosen) > 1e-9 * float(np.abs(chosen).max()):
         return {}
-    chosen, index = values[good], bins[good].astype(np.intp)
+    # enough to show a kink of a friction curve, few enough that each holds hundreds of samples of a
+    # record of a minute
+    n_bins = 48
+    if domain.endswith("-angle"):
+        index = np.floor(chosen / (2.0 * np.pi) * n_bins)
+    else:
+        width = float(np.ptp(chosen)) / n_bins
+        index = np.minimum(np.floor((chosen - float(chosen.min())) / width), n_bins - 1.0)
+    index = index.astype(np.intp)
     count = np.bincount(index).astype(float)
     # fewer than eight samples have no spread of their own
     kept = count >= 8
-    # a spread of less than 1e-9 of the size is rounding
-    if not np.ptp(chosen) > 1e-9 * float(np.abs(chosen).max()) or int(kept.sum()) < 2:
+    if int(kept.sum()) < 2:
         return {}
     count = np.where(kept, count, 1.0)
 
@@ -108,6 +91,7 @@ def _map(
         return np.asarray(np.bincount(index, weights=x, minlength=len(count)) / count)
 
     # standard deviations as if the samples were independent; of the variance the root mean square
+    rms = domain == "variance"
     columns = {name: mean(chosen), "samples": count}
     for when in ("before", "after"):
         left = getattr(pictures, f"residual_{when}_nm")[good]

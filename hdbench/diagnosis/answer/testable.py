@@ -22,18 +22,32 @@ _ANGLES = frozenset({"motor_angle_rad", "encoder_count", "motor_velocity_rad_s",
 
 
 @dataclass(frozen=True, slots=True)
-class _Torque:
-    """What limits the torque channel: bandwidth, steps, and the words for them."""
+class TorqueChannel:
+    """What limits the torque channel."""
 
-    bandwidth_hz: float
+    low_pass_hz: float  # infinite where nothing is hidden by one
     rate_hz: float
-    limit: str
     step_nm: float
     noise_nm: float
+    held_share: float  # of its samples
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Where it ends; held samples leave a lower rate."""
+        return min(self.low_pass_hz, 0.5 * self.rate_hz * (1.0 - self.held_share))
+
+    @property
+    def limit(self) -> str:
+        """What ends it, in words."""
+        end = self.bandwidth_hz
+        if end < self.low_pass_hz:
+            held = f"{100.0 * self.held_share:.2g} % of the torque samples are held"
+            return f"{held}, it ends at {end:.3g} Hz"
+        return f"torque low-passed at {end:.3g} Hz"
 
     @property
     def whole(self) -> bool:
-        """True where nothing is hidden by a low-pass."""
+        """Whether nothing is hidden by a low-pass."""
         # filters against aliases end at 0.8 of half the sampling rate
         return not self.bandwidth_hz < 0.4 * self.rate_hz
 
@@ -45,12 +59,7 @@ class _Torque:
 def testable(
     causes: Iterable[Cause],
     motion: Motion,
-    *,
-    torque_bandwidth_hz: float,
-    rate_hz: float,
-    torque_step_nm: float,
-    torque_noise_nm: float,
-    held_share: float,
+    torque: TorqueChannel,
     derived: tuple[tuple[str, str], ...],
 ) -> tuple[Testable, ...]:
     """Say of each cause whether this record can show it.
@@ -59,7 +68,6 @@ def testable(
     hold a tenth of their power in the torque's band. Causes without columns are white noise or
     faults of angle and clock, shown by a ripple of order 2 or a second channel.
     """
-    torque = _torque(torque_bandwidth_hz, rate_hz, held_share, torque_step_nm, torque_noise_nm)
     # two channels of the motion that do not come from one another
     second = motion.angle_source != "velocity" and not any(set(p) <= _ANGLES for p in derived)
     part, points = _stretches(motion, torque)
@@ -75,19 +83,7 @@ def testable(
     return tuple(told)
 
 
-def _torque(
-    bandwidth_hz: float, rate_hz: float, held: float, step_nm: float, noise_nm: float
-) -> _Torque:
-    """Return the limits of the torque; held samples leave a lower rate."""
-    left_hz = 0.5 * rate_hz * (1.0 - held)
-    if left_hz < bandwidth_hz:
-        words = f"{100.0 * held:.2g} % of the torque samples are held, it ends at {left_hz:.3g} Hz"
-        return _Torque(left_hz, rate_hz, words, step_nm, noise_nm)
-    words = f"torque low-passed at {bandwidth_hz:.3g} Hz"
-    return _Torque(bandwidth_hz, rate_hz, words, step_nm, noise_nm)
-
-
-def _stretches(motion: Motion, torque: _Torque) -> tuple[Motion, int]:
+def _stretches(motion: Motion, torque: TorqueChannel) -> tuple[Motion, int]:
     """Return stretches of the motion, one after the other, and the points of each."""
     count = len(motion)
     # a stretch holds eight periods of the torque's bandwidth, to part what is below from above;
@@ -137,7 +133,9 @@ def _shape(
     return shape
 
 
-def _additive(cause: Cause, motion: Motion, part: Motion, points: int, torque: _Torque) -> Testable:
+def _additive(
+    cause: Cause, motion: Motion, part: Motion, points: int, torque: TorqueChannel
+) -> Testable:
     """Judge a cause by where its columns have their power."""
     bounds = shape_bounds(cause, motion)
     empty = next((name for name, bands in bounds.items() if not bands), None)
@@ -168,7 +166,7 @@ class _Look:
     from_hz: float
 
 
-def _look(columns: FloatArray, part: Motion, points: int, torque: _Torque) -> _Look:
+def _look(columns: FloatArray, part: Motion, points: int, torque: TorqueChannel) -> _Look:
     """Return where the power of the column that is best seen stands."""
     weight = (part.valid & np.isfinite(columns).all(axis=1)).astype(float)[:, None]
     columns = np.where(weight > 0.0, columns, 0.0)
@@ -192,7 +190,9 @@ def _look(columns: FloatArray, part: Motion, points: int, torque: _Torque) -> _L
     return _Look(True, float(inside[best]), float(from_hz))
 
 
-def _other(cause: Cause, part: Motion, points: int, torque: _Torque, second: bool) -> Testable:
+def _other(
+    cause: Cause, part: Motion, points: int, torque: TorqueChannel, second: bool
+) -> Testable:
     """Judge a cause without columns: noise, or a fault of angle, velocity or clock."""
     if cause.change_motion is not None:
         return _of_motion(cause, part, points, torque, second)
@@ -212,7 +212,9 @@ def _other(cause: Cause, part: Motion, points: int, torque: _Torque, second: boo
     return Testable(cause.name, True)
 
 
-def _of_motion(cause: Cause, part: Motion, points: int, torque: _Torque, second: bool) -> Testable:
+def _of_motion(
+    cause: Cause, part: Motion, points: int, torque: TorqueChannel, second: bool
+) -> Testable:
     """Judge a fault of angle, velocity or clock: a second channel or the ripple shows it."""
     if second:
         return Testable(cause.name, True)

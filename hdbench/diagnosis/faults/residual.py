@@ -32,25 +32,12 @@ _ORDER = 8
 
 
 @dataclass(frozen=True, slots=True)
-class SpeedNoise:
-    """Variance ``still + slope w^2`` of a residual in units of its mean, w in rad/s."""
-
-    still: float
-    slope: float
-
-    def variance(self, velocity_rad_s: FloatArray) -> FloatArray:
-        """Return the variance over its mean at each velocity."""
-        speed = np.where(np.isfinite(velocity_rad_s), velocity_rad_s, 0.0)
-        return np.asarray(self.still + self.slope * speed**2)
-
-
-@dataclass(frozen=True, slots=True)
 class ResidualFaults:
-    """Faults of a residual, its spikes, and how the noise grows with speed where it does."""
+    """Faults of a residual, its spikes, and the noise of each sample where it grows with speed."""
 
     faults: tuple[Fault, ...]
     spikes: NDArray[np.bool_]
-    law: SpeedNoise | None
+    noise_variance: FloatArray | None = None  # over its mean
 
 
 def faults_of_residual(
@@ -79,9 +66,11 @@ def faults_of_residual(
         faults.append(coarse)
     # readings of a coarse converter are rough where they cross levels fast
     if whitened_residual is None or coarse is not None:
-        return ResidualFaults(tuple(faults), spikes, None)
-    law, rough = _speed_noise(residual_nm, whitened_residual, kept, motion)
-    return ResidualFaults((*faults, *rough), spikes, law)
+        return ResidualFaults(tuple(faults), spikes)
+    rough = _speed_noise(residual_nm, whitened_residual, kept, motion)
+    if rough is None:
+        return ResidualFaults(tuple(faults), spikes)
+    return ResidualFaults((*faults, rough[0]), spikes, rough[1])
 
 
 def _spiky(
@@ -120,12 +109,12 @@ def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray
 
 def _speed_noise(
     residual_nm: FloatArray, whitened: FloatArray, used: NDArray[np.bool_], motion: Motion
-) -> tuple[SpeedNoise | None, tuple[Fault, ...]]:
-    """Return the law of noise that grows with the square of the speed, by greatest likelihood."""
+) -> tuple[Fault, FloatArray] | None:
+    """Return noise that grows with the speed, by greatest likelihood, and its variance."""
     left, rows = _innovations(whitened, used & np.isfinite(motion.velocity_rad_s))
     speed = motion.velocity_rad_s**2
     if len(rows) < 500 or not float(np.ptp(speed[rows])) > 0.0:
-        return None, ()
+        return None
     # the bulk of cells of equal counts over the speed decides: held samples and other outliers are
     # none of the noise; it ends at 3.7 times the median size, 2.5 deviations of normal noise
     cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], _CELLS)
@@ -150,20 +139,23 @@ def _speed_noise(
     gain, by_time = (one * 2.0 / float(np.var(squares[bulk])) for one in (gain, by_time))
     chance, nats = float(ndtr(-np.sqrt(2.0 * max(gain, 0.0)))), paid_nats(gain, 1, len(bulk))
     if nats < max(ACCEPT_NATS, paid_nats(by_time, len(blocks) - 1, len(bulk))):
-        return None, ()
-    law = SpeedNoise(float(values[0]), float(values[1] / pace.max()))
+        return None
+    # variance still + slope w^2 in units of its mean, w in rad/s
+    still, slope = float(values[0]), float(values[1] / pace.max())
     power = float(np.mean(residual_nm[used] ** 2))
     # the law of the catalogue states the noise at 100 rad/s
-    size = 100.0 * float(np.sqrt(law.slope * power))
+    size = 100.0 * float(np.sqrt(slope * power))
     std = 0.5 * size * float(np.sqrt(np.linalg.inv(fisher)[1, 1])) / float(values[1])
     parameters = {
         "noise_nm": ParameterValue(size, std, "N m"),
-        "noise_at_rest_nm": ParameterValue(float(np.sqrt(law.still * power)), None, "N m"),
+        "noise_at_rest_nm": ParameterValue(float(np.sqrt(still * power)), None, "N m"),
     }
     times, shape = motion.time_s[used], {"noise_nm": size}
     fault = fault_over(
         "speed-dependent-noise", parameters, times, nats, shape=shape, domain="variance"
     )
     # it is looked for in one place only: the test of its slope says how sure it is
-    share = law.slope * float(np.mean(speed[used]))
-    return law, (replace(fault, false_alarm_probability=chance, share=share),)
+    fault = replace(
+        fault, false_alarm_probability=chance, share=slope * float(np.mean(speed[used]))
+    )
+    return fault, still + slope * np.where(np.isfinite(speed), speed, 0.0)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 
@@ -32,36 +34,9 @@ _TORQUES = ("torque_nm", "torque_v")
 # size: pi / 2 of the error of one stamp, 1 / sqrt(2) of that of a step
 _TURNED = np.pi / 2.0 / np.sqrt(2.0)
 
-_CONSEQUENCES = {
-    "no-time": "no speed, rate, frequency or delay can be told: give the sample rate",
-    "repeated-stamps": "the order of these samples is not known: no trace can be made of them as "
-    "they are",
-    "uneven-stamps": "waves near {hertz:.3g} Hz are off by {percent:.2g} % of their size; of "
-    "faster ones only those locked to a measured angle can be told",
-    "gaps": "what happened there is not known; an angle that is integrated from the velocity "
-    "loses its phase",
-    "missing-values": "these samples take no part",
-    "held-samples": "it was sampled at a lower rate than it was stored: fewer samples count, and "
-    "what is fast stands at the wrong time",
-    "coarse-steps": "what is smaller than a step is lost; sizes near a step are wrong",
-    "low-passed": "it was filtered before it was stored: ripple, tones and noise above that cannot "
-    "be told, and near it they are too small",
-    "computed": "it was computed, not measured: nothing of noise, steps or a filter can be told",
-    "unsigned": "signed numbers were stored without their sign: import them with @int{bits}",
-    "no-scale": "how many N m one of them is, is not in the file: no torque, and no inertia, can "
-    "be told in size",
-    "saturation": "what went beyond is not known: these samples must not be fitted",
-    "stuck-value": "the drive was off or the channel was held: these samples say nothing",
-    "derived": "the two are one measurement: neither can show a fault of the other",
-    "units-disagree": "one has another unit, side of the gear or sign than the other: import them "
-    "with the unit behind @, or with @output",
-    "delay": "accelerations and torques are held against another moment: what changes faster "
-    "than {hertz:.2g} Hz is off by a third or more",
-    "at-rest": "nothing that turns can be told",
-    "one-speed": "orders and tones of the clock cannot be told apart, nor friction by its speed",
-    "no-reversal": "dry friction cannot be told from a zero, nor one direction from the other",
-    "short-travel": "orders below one per travel cannot be told",
-}
+_CONSEQUENCES: dict[str, str] = tomllib.loads(
+    (resources.files(__package__) / "findings.toml").read_text(encoding="utf-8")
+)
 
 
 def inspect_trace(trace: Trace, profile: ProfileData) -> Inspection:

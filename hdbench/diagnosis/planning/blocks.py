@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Iterable
+from importlib import resources
 from itertools import product
 
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
@@ -17,10 +19,9 @@ _RAMP_SHARE = 0.25
 _REST_S = 8.0
 # a sine of speed that inertia feels, and whose acceleration the servo still follows
 _FAST_HZ = 2.0
-# output angles of locked loads: four equal steps would hide the second order
-_ANGLES_RAD = (0.0, 1.771, 3.142, 4.912)
-# two levels of each sign fix the size and the bend of any curve over the load, more test its law
-_LEVELS = (0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.4, 0.2)
+_PURPOSES: dict[str, str] = tomllib.loads(
+    (resources.files(__package__) / "blocks.toml").read_text(encoding="utf-8")
+)
 
 
 def joined(name: str, chosen: Iterable[MotionPlan], purpose: str = "") -> MotionPlan:
@@ -52,73 +53,42 @@ def blocks(profile: ProfileData, *, long_s: float = 150.0) -> tuple[MotionPlan, 
     turns_s = math.ceil(6.0 * math.pi * profile.drive.gear_ratio / turning)
     most = _RAMP_SHARE * profile.servo.max_acceleration_rad_s2 / (2.0 * math.pi * _FAST_HZ)
     fast = _rounded(min(most, 0.5 * top))
-    return (
-        MotionPlan(
-            "rest",
-            (Segment("rest", _REST_S, note="clock, drift and noise alone"),),
-            "at rest only the clock and the zero go on: tones, hum and drift stay, everything "
-            "that needs motion is gone",
+    steps: dict[str, Steps] = {
+        "rest": (Segment("rest", _REST_S, note="clock, drift and noise alone"),),
+        "constant": _runs(profile, [_rounded(middle)], 20.0, "one speed"),
+        # nine speeds in equal ratios from 2 rad/s
+        "staircase": _both_ways(
+            profile,
+            [_rounded(2.0 * (top / 2.0) ** (k / 8.0)) for k in range(9)],
+            3.0,
+            "speed steps",
         ),
-        MotionPlan(
-            "constant",
-            _runs(profile, [_rounded(middle)], 20.0, "one speed"),
-            "a long steady stretch: orders and their harmonics to fine resolution",
+        "sweep": tuple(
+            Segment("sweep", 20.0, speed, note="all speeds, up and down") for speed in (top, -top)
         ),
-        MotionPlan(
-            "staircase",
-            _both_ways(profile, _staircase(top), 3.0, "speed steps"),
-            "steady speeds from slow to fast in both directions: an order keeps its angle and a "
-            "tone its frequency, amplitudes show whether they grow with speed, and friction "
-            "changes sign while the zero does not",
+        "speed sine": (Segment("sine", 16 / _FAST_HZ, fast, _FAST_HZ, note="acceleration"),),
+        # presliding and dry friction live below some ten rad/s
+        "slow reversals": (
+            Segment("sine", 4 / 0.15, min(8.0, top), 0.15, note="reversals at low speed"),
         ),
-        MotionPlan(
-            "sweep",
-            tuple(
-                Segment("sweep", 20.0, speed, note="all speeds, up and down")
-                for speed in (top, -top)
-            ),
-            "speed goes up and down through every value: lines over the angle move, tones stay, "
-            "resonances stand out, and amplitudes show how they grow with speed",
+        "output turns": _both_ways(profile, [turning], float(turns_s), "whole output turns"),
+    }
+    if long_s >= 40.0:
+        steps["long run"] = _long_run(profile, top, long_s)
+    # output angles of locked loads: four equal steps would hide the second order
+    angles_rad = (0.0, 1.771, 3.142, 4.912)
+    # two levels of each sign fix size and bend of any curve over the load, more test its law
+    levels = (0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.4, 0.2)
+    steps |= {
+        "moving under load": _under_load(profile, middle),
+        "locked load": _locked(
+            profile, product(angles_rad, (0.3, 0.8, 0.3, -0.3, -0.8, -0.3)), 4.0
         ),
-        MotionPlan(
-            "speed sine",
-            (Segment("sine", 16 / _FAST_HZ, fast, _FAST_HZ, note="acceleration"),),
-            "acceleration without much speed: inertia, time skew and what follows the acceleration "
-            "come out of what follows the speed",
+        "load levels": _locked(
+            profile, [(0.0, sign * s) for sign in (1.0, -1.0) for s in levels], 3.0
         ),
-        MotionPlan(
-            "slow reversals",
-            # presliding and dry friction live below some ten rad/s
-            (Segment("sine", 4 / 0.15, min(8.0, top), 0.15, note="reversals at low speed"),),
-            "many slow reversals: friction repeats at each of them, a step or drift of the zero "
-            "does not, and what the first degrees after a reversal show is presliding",
-        ),
-        MotionPlan(
-            "output turns",
-            _both_ways(profile, [turning], float(turns_s), "whole output turns"),
-            "three whole turns of the output each way: what repeats every output turn comes out of "
-            "what drifts, and sidebands of the ripple come apart",
-        ),
-        *((_long_run(profile, top, long_s),) if long_s >= 40.0 else ()),
-        MotionPlan(
-            "moving under load",
-            _under_load(profile, middle),
-            "the same motion under loads of both signs: what grows with the load's size, with its "
-            "sign, or not at all",
-        ),
-        MotionPlan(
-            "locked load",
-            _locked(profile, product(_ANGLES_RAD, (0.3, 0.8, 0.3, -0.3, -0.8, -0.3)), 4.0),
-            "loads up and down, both signs, at four output angles with nothing moving: gain, its "
-            "change over the angle, non-linearity and hysteresis without ripple and friction",
-        ),
-        MotionPlan(
-            "load levels",
-            _locked(profile, [(0.0, sign * s) for sign in (1.0, -1.0) for s in _LEVELS], 3.0),
-            "five levels of load, up and down, both signs, up to the rated torque with nothing "
-            "moving: whether the reading bends with the cube of the load, at a knee or at a limit",
-        ),
-    )
+    }
+    return tuple(MotionPlan(name, some, _PURPOSES[name]) for name, some in steps.items())
 
 
 def _rounded(value: float) -> float:
@@ -143,29 +113,19 @@ def _ramp(profile: ProfileData, before: float, after: float) -> Segment:
     return Segment("ramp", max(0.5, math.ceil(10.0 * needed) / 10.0), after)
 
 
-def _staircase(top: float) -> list[float]:
-    """Return nine speeds in equal ratios from 2 rad/s."""
-    return [_rounded(2.0 * (top / 2.0) ** (k / 8.0)) for k in range(9)]
-
-
 def _both_ways(profile: ProfileData, speeds: list[float], steady_s: float, note: str) -> Steps:
     """Return speeds, rad/s, one after the other, then those of the other direction."""
     back = [-speed for speed in speeds]
     return _runs(profile, speeds, steady_s, note) + _runs(profile, back, steady_s, note)
 
 
-def _long_run(profile: ProfileData, top: float, long_s: float) -> MotionPlan:
+def _long_run(profile: ProfileData, top: float, long_s: float) -> Steps:
     """Return a long run at one low speed between two rests."""
     speed = _rounded(min(60.0, top))
     rest = Segment("rest", _REST_S, note="zero before and after")
     ramps_s = 2.0 * _ramp(profile, 0.0, speed).duration_s
     steady_s = long_s - 2.0 * _REST_S - ramps_s
-    return MotionPlan(
-        "long run",
-        (rest, *_runs(profile, [speed], steady_s, "slow effects"), rest),
-        "minutes at one speed between two rests: a drift goes on, warming-up bends and comes to an "
-        "end, a step happens once",
-    )
+    return (rest, *_runs(profile, [speed], steady_s, "slow effects"), rest)
 
 
 def _under_load(profile: ProfileData, speed: float) -> Steps:

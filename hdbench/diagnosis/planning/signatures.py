@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from itertools import pairwise, product
 
 import numpy as np
@@ -14,21 +16,9 @@ from hdbench.records.trace import FloatArray
 
 Shape = Mapping[str, float]
 
-# Shapes of a cause before anything is known of it: an order that the baseline lacks, the bearing of
-# a wave generator (23 balls, d/D = 0.1), a motor of 12 pole pairs, the load on a flexspline of
-# 16 kN m/rad, mains of 50 Hz, a tone away from it, a warming-up that a run of minutes shows,
-# friction of a greased bearing.
-_NOMINAL = {
-    ("ripple-harmonic", "order"): 6.0,
-    ("bearing-defect", "order"): 10.35,
-    ("cogging", "order"): 12.0,
-    ("torsional-resonance", "resonance_hz"): 153.0,
-    ("torsional-resonance", "damping"): 0.03,
-    ("mains-hum", "frequency_hz"): 50.0,
-    ("structural-tone", "frequency_hz"): 37.3,
-    ("warm-up", "time_constant_s"): 60.0,
-    ("stribeck-friction", "stribeck_rad_s"): 15.0,
-}
+_NOMINAL: dict[str, dict[str, float]] = tomllib.loads(
+    (resources.files(__package__) / "nominal.toml").read_text(encoding="utf-8")
+)
 # points of a line's spectrum per resolution cell: between two of them it keeps 81 % of its power
 _PER_CELL = 2.0
 
@@ -78,12 +68,12 @@ def _by_ratio(bands: Bounds) -> bool:
 
 def nominal_shape(cause: Cause) -> dict[str, float]:
     """Return a shape of the literature, else the middle of the domain (of its logarithm)."""
-    shape = {}
+    shape, known = {}, _NOMINAL.get(cause.name, {})
     for parameter in cause.shape:
         bands = parameter.bands or ((parameter.lower, parameter.upper),)
         low, high = bands[0][0], bands[-1][1]
         middle = float(np.sqrt(low * high)) if _by_ratio(bands) else 0.5 * (low + high)
-        shape[parameter.name] = _clipped(_NOMINAL.get((cause.name, parameter.name), middle), bands)
+        shape[parameter.name] = _clipped(known.get(parameter.name, middle), bands)
     return shape
 
 

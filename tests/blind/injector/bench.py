@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from .family import effect
+from .family import effect, waves
 from .motion import RATIO, Path, pieces_of, travel
 
 # zeros and poles of the noise at 1 kHz; the last rises like 1/f between 0.3 Hz and 100 Hz
@@ -67,6 +67,14 @@ class Bench:
         return out + amplitude * np.sin(output + phase)
 
 
+def baseline(angle, output):
+    """Zero, orders 2 and 4, and output order 1 where the output turns."""
+    columns = [np.ones((len(angle), 1)), waves(2.0 * angle), waves(4.0 * angle)]
+    if np.ptp(output) >= 2.0 * np.pi:
+        columns.append(waves(output))
+    return np.column_stack(columns)
+
+
 @dataclass(frozen=True)
 class Scene:
     """Path, bench and noise of one record.
@@ -81,6 +89,10 @@ class Scene:
     bits: int
     clean: np.ndarray
     acting: tuple = ()
+
+    def baseline(self):
+        """Columns that any diagnosis fits first."""
+        return baseline(self.path.angle, self.path.output)
 
     @property
     def tau(self):

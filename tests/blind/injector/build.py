@@ -16,7 +16,7 @@ from .unseen import UNSEEN
 
 _FAMILIES = {family.name: family for family in (*LINES, *MECHANICS, *OUTSIDE, UNSEEN)}
 _FAULTS = {fault.name: fault for fault in ACQUISITION}
-_TIERS = ("low", "mid", "high")
+TIERS = ("low", "mid", "high")
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,10 @@ def reach(measure, start, target):
     return size
 
 
-def _size(family, scene, white, shape, tier, others):
-    if tier in _TIERS:
-        return family.physical[_TIERS.index(tier)]
+def size_of(family, scene, white, shape, tier, others):
+    """Size of an effect by its tier."""
+    if tier in TIERS:
+        return family.physical[TIERS.index(tier)]
 
     def measure(size):
         return white.detectability(scene, family, shape, size, others)
@@ -125,15 +126,15 @@ def _torque_effect(case, which, scene, white, entries):
     family, shape = drawn_effect(case, which, scene)
     others = _others(case, which, scene, white)
     scene = scene.before(family, entries)
-    size = _size(family, scene, white, shape, hidden.tier, others)
+    size = size_of(family, scene, white, shape, hidden.tier, others)
     entries.append((family, shape, size))
-    return described(hidden.name, hidden.tier, family, scene, shape, size, others, white)
+    return described(hidden.tier, family, scene, shape, size, others, white)
 
 
-def described(name, tier, family, scene, shape, size, others, white, beside=None):
+def described(tier, family, scene, shape, size, others, white, beside=None, families=None):
     """(truth, torque) of one effect; names alike are judged beside the columns `beside`, if any."""
-    torque = effect(family, scene, shape, size)
-    alike = sine_squares(scene, known_families(), shape, torque, beside)
+    torque, name = effect(family, scene, shape, size), family.name
+    alike = sine_squares(scene, families or known_families(), shape, torque, beside)
     imitated = min((v for n, v in alike.items() if n != name), default=1.0)
     outside = family in OUTSIDE or family is UNSEEN
     if not outside:
@@ -152,9 +153,8 @@ def described(name, tier, family, scene, shape, size, others, white, beside=None
         "domain": family.domain,
         "alike": {name: round(value, 5) for name, value in alike.items() if value < 0.25},
         "bounds": white.bounds(scene, family, shape, size),
-        "reported": dict(family.reported),
         "values": fitted,
-        "agrees": family.shape_agrees,
+        "agrees": family.agrees,
         "outside": outside,
         "accept": ACCEPTED.get(name, []),
     }
@@ -165,8 +165,8 @@ def _fault_effect(hidden, scene, white, rng, channels):
     fault = _FAULTS[hidden.name]
     shape = fault.draw(rng, scene)
     detectability = None
-    if hidden.tier in _TIERS:
-        size = fault.physical[_TIERS.index(hidden.tier)]
+    if hidden.tier in TIERS:
+        size = fault.physical[TIERS.index(hidden.tier)]
     else:
         size = (float(hidden.tier[1:]) / fault.sigmas(scene, white, shape)) ** (1.0 / fault.power)
     if fault.name == "encoder-slip":
@@ -177,7 +177,7 @@ def _fault_effect(hidden, scene, white, rng, channels):
     return {
         "name": hidden.name, "tier": hidden.tier, "size": size, "shape": shape,
         "d": detectability, "rms_nm": 0.0, "domain": fault.domain, "alike": {hidden.name: 0.0},
-        "bounds": {}, "reported": {}, "values": {}, "agrees": False, "outside": False,
+        "bounds": {}, "values": {}, "agrees": False, "outside": False,
     }  # fmt: skip
 
 
@@ -220,17 +220,17 @@ def build(case, scene=None, tell=None):
     columns = {**convert(scene, channels, fine), **extra}
     if "lost" in channels:
         columns = drop(columns, *channels["lost"])
-    fault = {}
     if case.fault:
-        columns, fault = FAULTS[case.fault](columns, np.random.default_rng([case.seed, 4]))
-    turns = float(np.ptp(scene.path.angle)) / (2.0 * np.pi)
-    truth = {
-        "key": case.key, "part": case.part, "record": case.record, "noise": case.noise,
-        "sigma_nm": case.sigma_nm, "bits": case.bits, "seconds": scene.path.seconds,
-        "turns": turns, "hidden": effects, "fault": case.fault, "fault_truth": fault,
-        "note": case.note,
-    }  # fmt: skip
-    return Made(columns, truth, scene, tuple(torques))
+        columns = FAULTS[case.fault](columns, np.random.default_rng([case.seed, 4]))
+    return Made(columns, truth_of(case, scene.path, effects), scene, tuple(torques))
+
+
+def truth_of(case, path, hidden, **more):
+    """The truth of a record that holds the effects `hidden`."""
+    names = ("key", "part", "record", "noise", "sigma_nm", "bits", "fault", "note")
+    head = {name: getattr(case, name) for name in names}
+    turns = float(np.ptp(path.angle)) / (2.0 * np.pi)
+    return {**head, "seconds": path.seconds, "turns": turns, "hidden": hidden, **more}
 
 
 # sine squared below which a name is a right answer to an unseen effect: it spans .95 of it
@@ -253,13 +253,12 @@ def build_unseen(case):
     scene = scene_of(case)
     white = Whitened(scene)
     family, shape = drawn_effect(case, 0, scene)
-    size = _size(family, scene, white, shape, case.hidden[0].tier, None)
+    size = size_of(family, scene, white, shape, case.hidden[0].tier, None)
     torque = effect(family, scene, shape, size)
     free = min(sine_squares(scene, known_families(), shape, torque).values())
     if shape["recipe"] == "bursts":
         free = _strongest(torque)
     if free > _NAMED:
         size /= float(np.sqrt(free))
-    hidden = case.hidden[0]
-    told = described(hidden.name, hidden.tier, family, scene, shape, size, None, white)
+    told = described(case.hidden[0].tier, family, scene, shape, size, None, white)
     return build(case, scene, lambda which: told)

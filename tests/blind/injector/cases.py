@@ -1,16 +1,17 @@
 """The grid of cases, parts A to F, T, W and U, and the record of each."""
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
 from .build import Case, Hidden, build, build_unseen
+from .family import read_table
 from .faults import ACQUISITION, FAULTS
 from .lines import LINES
 from .loads import build_loads
 from .many import GROUPS, build_many, groups_in_turn
 from .mechanics import MECHANICS
-from .motion import DUELS
 from .outside import OUTSIDE
 from .rough import build_pair
 
@@ -44,10 +45,14 @@ def _bench(rng, coloured=0.25):
     return {"noise": noise, "sigma_nm": sigma, "bits": bits}
 
 
+def _draws(base, stream, k, *words):
+    return np.random.default_rng([base, stream, k, *"".join(words).encode()])
+
+
 def _clean(base, scale):
     kinds = ("compact", "short", "mixed", "constant", "protocol")
     for k in range(round(1200 * scale)):
-        rng = np.random.default_rng([base, 1, k])
+        rng = _draws(base, 1, k)
         bench = _bench(rng, 0.0)
         record = str(rng.choice(kinds, p=[0.68, 0.05, 0.1, 0.15, 0.02]))
         if k % 2:
@@ -61,37 +66,32 @@ def _names():
     return [family.name for family in (*LINES, *MECHANICS)]
 
 
+def _one(base, stream, part, k, name, tier, **fixed):
+    """One effect on a record that shows it."""
+    rng = _draws(base, stream, k, name, tier)
+    record, key = _record(name, rng), f"{part}-{name}-{tier}-{k}"
+    bench = {**_bench(rng), **fixed}
+    return Case(key, part, record, seed=_seed(base, key), hidden=(Hidden(name, tier),), **bench)
+
+
 def _single(base, scale):
     sized = [*_names(), *(fault.name for fault in ACQUISITION if fault.sigmas is not None)]
-    for k in range(round(3 * scale)):
-        for tier in SIGMAS:
-            for name in sized:
-                rng = np.random.default_rng([base, 2, k, *name.encode(), *tier.encode()])
-                record = _record(name, rng)
-                key = f"B-{name}-{tier}-{k}"
-                hidden = (Hidden(name, tier),)
-                yield Case(key, "B", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+    for k, tier, name in product(range(round(3 * scale)), SIGMAS, sized):
+        yield _one(base, 2, "B", k, name, tier)
     # one speed tells few names apart: these show whether the answer says so
-    for name in ("ripple-harmonic", "structural-tone", "motor-unbalance", "tooth-mesh",
-                 "wave-generator-eccentricity", "bearing-defect", "mains-hum",
-                 "angular-misalignment", "zero-step", "zero-drift"):  # fmt: skip
-        for k in range(round(3 * scale)):
-            rng = np.random.default_rng([base, 3, k, *name.encode()])
-            key = f"B-{name}-d10-c{k}"
-            hidden = (Hidden(name, "d10"),)
-            yield Case(key, "B", "constant", seed=_seed(base, key), hidden=hidden, **_bench(rng))
+    flat = ("ripple-harmonic", "structural-tone", "motor-unbalance", "tooth-mesh",
+            "wave-generator-eccentricity", "bearing-defect", "mains-hum", "angular-misalignment",
+            "zero-step", "zero-drift")  # fmt: skip
+    for name, k in product(flat, range(round(3 * scale))):
+        bench, key = _bench(_draws(base, 3, k, name)), f"B-{name}-d10-c{k}"
+        hidden = (Hidden(name, "d10"),)
+        yield Case(key, "B", "constant", seed=_seed(base, key), hidden=hidden, **bench)
 
 
 def _physical(base, scale):
-    for k in range(round(2 * scale)):
-        for tier in TIERS:
-            for name in [*_names(), *(fault.name for fault in ACQUISITION)]:
-                rng = np.random.default_rng([base, 4, k, *name.encode(), *tier.encode()])
-                record = _record(name, rng)
-                bench = {**_bench(rng), "bits": 16}
-                key = f"P-{name}-{tier}-{k}"
-                hidden = (Hidden(name, tier),)
-                yield Case(key, "P", record, seed=_seed(base, key), hidden=hidden, **bench)
+    names = [*_names(), *(fault.name for fault in ACQUISITION)]
+    for k, tier, name in product(range(round(2 * scale)), TIERS, names):
+        yield _one(base, 4, "P", k, name, tier, bits=16)
 
 
 # pairs that no record of torque and angle tells apart are no two effects
@@ -115,7 +115,7 @@ def _pair(rng, same):
 def _doubles(base, scale):
     for tier, count in (("d10", 60), ("d15", 60), ("mid", 30)):
         for k in range(round(count * scale)):
-            rng = np.random.default_rng([base, 5, k, *tier.encode()])
+            rng = _draws(base, 5, k, tier)
             pair = _pair(rng, k % 5 == 0)
             record = str(rng.choice(["compact", "short", "protocol"], p=[0.74, 0.2, 0.06]))
             key = f"C-{tier}-{k:03d}"
@@ -124,47 +124,35 @@ def _doubles(base, scale):
 
 
 def _outside(base, scale):
-    for k in range(round(6 * scale)):
-        for tier in ("d10", "d20"):
-            for family in OUTSIDE:
-                rng = np.random.default_rng([base, 6, k, *family.name.encode(), *tier.encode()])
-                key = f"D-{family.name}-{tier}-{k}"
-                hidden = (Hidden(family.name, tier),)
-                record = _record(family.name, rng)
-                yield Case(key, "D", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+    names = [family.name for family in OUTSIDE]
+    for k, tier, name in product(range(round(6 * scale)), ("d10", "d20"), names):
+        yield _one(base, 6, "D", k, name, tier)
 
 
 def _duels(base, scale):
-    for k in range(round(3 * scale)):
-        for pair, (one, two, poor, poor_size, alike) in DUELS.items():
-            for name in (one, two):
-                for record, tier in ((poor, poor_size), ("compact", "d20")):
-                    word = "poor" if record == poor else "good"
-                    key = f"E-{pair}-{name}-{word}-{k}"
-                    fixed = (alike[name],) if name in alike and word == "poor" else ()
-                    hidden = (Hidden(name, tier, fixed),)
-                    seed = _seed(base, key)
-                    yield Case(
-                        key, "E", record, seed=seed, hidden=hidden, note=f"{one}|{two}|{word}"
-                    )
+    for k, (pair, duel) in product(range(round(3 * scale)), read_table("pairs")["duels"].items()):
+        for name in duel["names"]:
+            for word, record, tier in (
+                ("poor", duel["record"], duel["size"]), ("good", "compact", "d20")
+            ):  # fmt: skip
+                alike = duel.get("alike", {}).get(name) if word == "poor" else None
+                hidden = (Hidden(name, tier, (tuple(alike),) if alike else ()),)
+                key, note = f"E-{pair}-{name}-{word}-{k}", "|".join((*duel["names"], word))
+                yield Case(key, "E", record, seed=_seed(base, key), hidden=hidden, note=note)
 
 
 def _bad(base, scale):
-    for k in range(round(10 * scale)):
-        for fault in FAULTS:
-            rng = np.random.default_rng([base, 7, k, *fault.encode()])
-            key = f"F-{fault}-{k}"
-            record = (
-                "compact" if fault == "noisy-load-cell" else str(rng.choice(["compact", "mixed"]))
-            )
-            yield Case(key, "F", record, seed=_seed(base, key), fault=fault)
+    for k, fault in product(range(round(10 * scale)), FAULTS):
+        kinds = ["compact"] if fault == "noisy-load-cell" else ["compact", "mixed"]
+        record, key = str(_draws(base, 7, k, fault).choice(kinds)), f"F-{fault}-{k}"
+        yield Case(key, "F", record, seed=_seed(base, key), fault=fault)
 
 
 def _many(base, scale):
     """Several strong causes: all pairs of groups in turn."""
     turns = groups_in_turn(np.random.default_rng([base, 21]), round(200 * scale))
     for k, (count, groups) in enumerate(turns):
-        rng = np.random.default_rng([base, 22, k])
+        rng = _draws(base, 22, k)
         # reserves behind the chosen ones, for what is not seen on this record
         hidden = tuple(Hidden(str(rng.choice(GROUPS[group])), "physical") for group in groups)
         kinds = ["compact", "short", "mixed", "protocol"]
@@ -178,7 +166,7 @@ def _wild(base, scale):
     """Pairs of records, with and without the nuisances of real logs."""
     names = _names()
     for k in range(round(300 * scale)):
-        rng = np.random.default_rng([base, 23, k])
+        rng = _draws(base, 23, k)
         count = int(rng.choice([0, 1, 2], p=[0.3, 0.5, 0.2]))
         pair = _pair(rng, False) if count == 2 else (str(rng.choice(names)),)
         tier = str(rng.choice(["d12", "d20", "d40"]))
@@ -194,7 +182,7 @@ def _wild(base, scale):
 
 def _unseen(base, scale):
     for k in range(round(200 * scale)):
-        rng = np.random.default_rng([base, 24, k])
+        rng = _draws(base, 24, k)
         record = str(rng.choice(["compact", "short", "mixed"], p=[0.8, 0.1, 0.1]))
         key = f"U-{k:03d}"
         hidden = (Hidden("unseen", ("d10", "d20")[k % 2]),)

@@ -1,36 +1,71 @@
 """Family of effects: its torque, shapes and sizes, and the curves that several share."""
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 
+def read_table(name):
+    """A table of this folder."""
+    return tomllib.loads(Path(__file__).with_name(f"{name}.toml").read_text())
+
+
+TABLE = read_table("families")
+
+
 @dataclass(frozen=True)
 class Family:
-    """One kind of effect.
+    """One kind of effect; families.toml has what stands beside its law.
 
     `columns(scene, shape)` gives the torque per unit of size, N m, (n, k); `draw(rng, scene)` the
-    shape: floats by name, and `weights`, how the columns mix. `steps` names the shape parameters
-    that a fitter has to find, with the step of their derivative. `grid(scene)` are shapes that
-    stand for the family where it is only compared. `physical` are sizes (low, middle, high).
-    `stage` is the place in the channel: 0 a torque, 1 a limit, 2 a late reading, each of which
-    acts on all torque of the stages before it.
+    shape: floats by name, and `weights`, how the columns mix. A late stage of the channel acts on
+    all torque of the stages before it.
     """
 
     name: str
     columns: Callable
     draw: Callable
     physical: tuple
-    steps: Mapping = field(default_factory=dict)
-    grid: Callable = lambda scene: [{}]
+    domain: str = "time"
     loaded: bool = False
     linear: bool = True
-    domain: str = "time"
-    reported: Mapping = field(default_factory=dict)
-    shape_agrees: bool = True
-    records: tuple = ("short", "protocol")
+    agrees: bool = True
     stage: int = 0
+    steps: Mapping = field(default_factory=dict)
+    shapes: tuple = ({},)
+    records: tuple = ()
+
+    def grid(self, scene):
+        """Shapes that stand for the family where it is only compared."""
+        return [
+            {k: v * scene.path.seconds if k.endswith("_s") else v for k, v in shape.items()}
+            for shape in self.shapes
+        ]
+
+
+def families(laws, table=TABLE):
+    """The families of laws: (columns, draw) by name."""
+    out = []
+    for name, law in laws.items():
+        entry = dict(table[name])
+        usual = ("short", "protocol") if entry.get("loaded") else ("mixed", "short", "protocol")
+        entry["records"] = tuple(entry.get("records", usual))
+        entry["shapes"] = tuple(entry.pop("grid", ({},)))
+        out.append(Family(name, *law, **entry))
+    return tuple(out)
+
+
+def unit(rng, scene):
+    """A shape of one column."""
+    return {"weights": (1.0,)}
+
+
+def column(curve):
+    """Columns of a law that has one."""
+    return lambda scene, shape: np.asarray(curve(scene, shape))[:, None]
 
 
 def effect(family, scene, shape, size):
@@ -39,6 +74,14 @@ def effect(family, scene, shape, size):
         return family.columns(scene, {**shape, "size": size})[:, 0]
     columns = family.columns(scene, shape)
     return size * columns @ np.asarray(shape.get("weights", (1.0,)))
+
+
+def slopes(family, scene, shape, size):
+    """Derivatives of the torque over the shape parameters that a fitter has to find."""
+    for name, step in family.steps.items():
+        ahead = effect(family, scene, {**shape, name: shape[name] + step}, size)
+        back = effect(family, scene, {**shape, name: shape[name] - step}, size)
+        yield (ahead - back) / (2.0 * step)
 
 
 def waves(angle):

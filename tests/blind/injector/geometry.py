@@ -2,15 +2,7 @@
 
 import numpy as np
 
-from .family import effect, waves
-
-
-def baseline(angle, output):
-    """Columns that any diagnosis fits first: zero, orders 2 and 4, output order 1."""
-    columns = [np.ones((len(angle), 1)), waves(2.0 * angle), waves(4.0 * angle)]
-    if np.ptp(output) >= 2.0 * np.pi:
-        columns.append(waves(output))
-    return np.column_stack(columns)
+from .family import effect, slopes, waves
 
 
 class Whitened:
@@ -18,7 +10,7 @@ class Whitened:
 
     def __init__(self, scene, pick=slice(None)):
         self.noise, self.pick = scene.noise, pick
-        explained = self.noise.whiten(baseline(scene.path.angle, scene.path.output))
+        explained = self.noise.whiten(scene.baseline())
         self._basis = np.linalg.qr(explained[pick])[0]
 
     def rest(self, columns, beside=None):
@@ -32,12 +24,8 @@ class Whitened:
 
     def tangents(self, scene, family, shape, size):
         """Rests of the derivatives over the shape parameters that a fitter has to find."""
-        out = []
-        for name, step in family.steps.items():
-            ahead = effect(family, scene, {**shape, name: shape[name] + step}, size)
-            back = effect(family, scene, {**shape, name: shape[name] - step}, size)
-            out.append(self.rest((ahead - back) / (2.0 * step)))
-        return np.column_stack(out) if out else np.empty((len(scene.path.time), 0))
+        out = [self.rest(slope) for slope in slopes(family, scene, shape, size)]
+        return np.column_stack(out) if out else self._basis[:, :0]
 
     def detectability(self, scene, family, shape, size, others=None):
         """Sigmas of the effect that baseline, shape tangents and `others` (rests) leave."""
@@ -49,17 +37,15 @@ class Whitened:
 
     def bounds(self, scene, family, shape, size):
         """Standard deviations (Cramer-Rao) of size and shape parameters, by name."""
-        slopes = {"size": self._slope(scene, family, shape, size)}
+        first = self._slope(scene, family, shape, size)
         tangents = self.tangents(scene, family, shape, size)
-        for k, name in enumerate(family.steps):
-            slopes[name] = tangents[:, k]
         extra = self._quadratures(scene, family, shape, size)
-        matrix = np.column_stack([*slopes.values(), *extra])
+        matrix = np.column_stack([first, tangents, *extra])
         scale = np.sqrt((matrix**2).sum(axis=0))
         scale[scale == 0.0] = 1.0
         information = (matrix / scale).T @ (matrix / scale)
         spread = np.sqrt(np.abs(np.diag(np.linalg.pinv(information)))) / scale
-        return dict(zip(slopes, map(float, spread), strict=False))
+        return dict(zip(("size", *family.steps), map(float, spread), strict=False))
 
     def _slope(self, scene, family, shape, size):
         step = 1e-3 * size
@@ -87,9 +73,10 @@ def _orthonormal(columns):
 
 def places_of(scene, shape):
     """Order and frequency at which a line of `shape` may be named as well."""
+    order, hertz = shape.get("order"), shape.get("frequency_hz")
+    if order is None and hertz is None:
+        return None, None
     speed = float(np.median(np.abs(scene.path.speed)))
-    order = shape.get("order")
-    hertz = shape.get("frequency_hz")
     if order is None and hertz is not None and speed > 1.0:
         order = 2.0 * np.pi * hertz / speed
     elif hertz is None and order is not None:
@@ -126,7 +113,7 @@ def sine_squares(scene, families, shape, torque, beside=None):
 
     `beside` are columns, N m, that are in the model already: other effects of the record.
     """
-    count = len(scene.path.time)
+    count = len(torque)
     # 40 000 samples at random give a sine squared of 0.01 to a few per cent of itself
     pick = np.sort(np.random.default_rng(count).permutation(count)[:40000])
     white = Whitened(scene, pick)

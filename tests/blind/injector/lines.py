@@ -4,12 +4,11 @@ import numpy as np
 from scipy.signal import bilinear, lfilter
 
 from .bench import LOAD_INERTIA
-from .family import Family, waves
+from .family import families, waves
 from .motion import EVERY, FINE_S
 
 _TEETH = 202.0
 _ARCMIN = np.pi / 180.0 / 60.0
-_FREE = ("mixed", "short", "protocol")
 
 
 def _mixed(count):
@@ -82,151 +81,12 @@ def _unit(place):
     return lambda scene, shape: waves(place * scene.path.angle)
 
 
-LINES = (
-    Family(
-        "ripple-harmonic",
-        lambda scene, shape: waves(shape["order"] * scene.path.angle),
-        _order,
-        (0.02, 0.1, 0.4),
-        {"order": 1e-5},
-        lambda scene: [{"order": o} for o in (1.0, 3.0, 5.0, 6.0, 8.0)],
-        domain="motor-order",
-        reported={"order": "order"},
-        records=_FREE,
-    ),
-    Family(
-        "wave-generator-eccentricity", _unit(1.0), _phase, (0.02, 0.1, 0.3),
-        domain="motor-order", records=_FREE,
-    ),
-    Family(
-        "motor-unbalance",
-        lambda scene, shape: (scene.path.speed[:, None] / 300.0) ** 2 * waves(scene.path.angle),
-        _phase,
-        (0.05, 0.15, 0.5),
-        domain="motor-order",
-        records=_FREE,
-    ),
-    Family(
-        "load-dependent-ripple",
-        lambda scene, shape: (
-            np.sqrt(scene.tau[:, None] ** 2 + 0.01) * waves(2.0 * scene.path.angle)
-        ),
-        _phase,
-        (0.003, 0.01, 0.02),
-        loaded=True,
-        domain="motor-order",
-    ),
-    Family(
-        "torsional-resonance",
-        _resonance,
-        _draw_resonance,
-        (0.01, 0.03, 0.1),
-        {"resonance_hz": 0.01, "damping": 1e-4},
-        lambda scene: [
-            {"order": o, "resonance_hz": f, "damping": 0.03}
-            for o, f in ((4.0, 160.0), (4.0, 190.0), (2.0, 105.0))
-        ],
-        domain="frequency",
-        records=_FREE,
-    ),
-    Family(
-        "ripple-beat",
-        lambda scene, shape: np.column_stack(
-            [
-                np.cos(scene.path.output)[:, None] * waves(2.0 * scene.path.angle),
-                np.sin(scene.path.output)[:, None] * waves(2.0 * scene.path.angle),
-            ]
-        ),
-        _beat,
-        (0.04, 0.1, 0.2),
-        domain="motor-order",
-        records=_FREE,
-    ),
-    Family(
-        "kinematic-error",
-        _kinematic,
-        lambda rng, scene: {"order": float(rng.choice([1.0, 2.0, 2.0, 4.0])), **_phase(rng, scene)},
-        (0.25, 0.5, 1.0),
-        grid=lambda scene: [{"order": 1.0}, {"order": 2.0}, {"order": 4.0}],
-        domain="motor-order",
-        records=_FREE,
-    ),
-    Family(
-        "tooth-mesh", _unit(_TEETH), _phase, (0.02, 0.05, 0.1),
-        domain="motor-order", records=_FREE,
-    ),
-    Family(
-        "bearing-defect",
-        lambda scene, shape: np.column_stack(
-            [waves(m * shape["order"] * scene.path.angle) for m in (1.0, 2.0, 3.0)]
-        ),
-        _bearing,
-        (0.02, 0.05, 0.2),
-        {"order": 1e-5},
-        lambda scene: [{"order": 4.95}],
-        domain="motor-order",
-        reported={"order": "order"},
-        records=_FREE,
-    ),
-    Family(
-        "gain-ripple",
-        lambda scene, shape: scene.tau[:, None] * waves(2.0 * scene.path.angle),
-        _phase,
-        (0.01, 0.02, 0.05),
-        loaded=True,
-        domain="motor-order",
-    ),
-    Family(
-        "angular-misalignment",
-        lambda scene, shape: waves(2.0 * scene.path.output),
-        _phase,
-        (0.1, 0.3, 1.5),
-        domain="output-order",
-        records=_FREE,
-    ),
-    Family(
-        "position-dependent-gain",
-        lambda scene, shape: scene.tau[:, None] * waves(shape["output_order"] * scene.path.output),
-        lambda rng, scene: {"output_order": float(rng.choice([1.0, 2.0])), **_phase(rng, scene)},
-        (0.005, 0.01, 0.03),
-        grid=lambda scene: [{"output_order": 1.0}, {"output_order": 2.0}],
-        loaded=True,
-        domain="output-order",
-    ),
-    Family(
-        "mains-hum",
-        lambda scene, shape: waves(2.0 * np.pi * shape["frequency_hz"] * scene.path.time),
-        lambda rng, scene: {
-            "frequency_hz": float(50.0 + rng.uniform(-0.04, 0.04)),
-            **_phase(rng, scene),
-        },
-        (0.007, 0.03, 0.13),
-        {"frequency_hz": 1e-5},
-        lambda scene: [{"frequency_hz": 50.0}],
-        domain="frequency",
-        reported={"frequency_hz": "frequency_hz"},
-        records=_FREE,
-    ),
-    Family(
-        "structural-tone",
-        lambda scene, shape: waves(2.0 * np.pi * shape["frequency_hz"] * scene.path.time),
-        lambda rng, scene: {"frequency_hz": _tone(rng), **_phase(rng, scene)},
-        (0.02, 0.1, 0.5),
-        {"frequency_hz": 1e-5},
-        lambda scene: [{"frequency_hz": 37.3}],
-        domain="frequency",
-        reported={"frequency_hz": "frequency_hz"},
-        records=_FREE,
-    ),
-    Family(
-        "arm-sag",
-        lambda scene, shape: waves(2.0 * scene.path.output),
-        _phase,
-        (0.01, 0.05, 0.2),
-        domain="output-order",
-        records=_FREE,
-    ),
-)  # fmt: skip
+def _clock(scene, shape):
+    return waves(2.0 * np.pi * shape["frequency_hz"] * scene.path.time)
+
+
+def _at(rng, hertz):
+    return {"frequency_hz": float(hertz), **_phase(rng, None)}
 
 
 def _tone(rng):
@@ -235,3 +95,48 @@ def _tone(rng):
     while abs(place - 50.0) < 3.0 or abs(place - 60.0) < 3.0:
         place = float(rng.uniform(5.0, 450.0))
     return place
+
+
+LINES = families({
+    "ripple-harmonic": (lambda scene, shape: waves(shape["order"] * scene.path.angle), _order),
+    "wave-generator-eccentricity": (_unit(1.0), _phase),
+    "motor-unbalance": (
+        lambda scene, shape: (scene.path.speed[:, None] / 300.0) ** 2 * waves(scene.path.angle),
+        _phase,
+    ),
+    "load-dependent-ripple": (
+        lambda scene, shape: (
+            np.sqrt(scene.tau[:, None] ** 2 + 0.01) * waves(2.0 * scene.path.angle)
+        ),
+        _phase,
+    ),
+    "torsional-resonance": (_resonance, _draw_resonance),
+    "ripple-beat": (
+        lambda scene, shape: np.column_stack(
+            [wave[:, None] * waves(2.0 * scene.path.angle) for wave in waves(scene.path.output).T]
+        ),
+        _beat,
+    ),
+    "kinematic-error": (
+        _kinematic,
+        lambda rng, scene: {"order": float(rng.choice([1.0, 2.0, 2.0, 4.0])), **_phase(rng, scene)},
+    ),
+    "tooth-mesh": (_unit(_TEETH), _phase),
+    "bearing-defect": (
+        lambda scene, shape: np.column_stack(
+            [waves(m * shape["order"] * scene.path.angle) for m in (1.0, 2.0, 3.0)]
+        ),
+        _bearing,
+    ),
+    "gain-ripple": (
+        lambda scene, shape: scene.tau[:, None] * waves(2.0 * scene.path.angle), _phase
+    ),
+    "angular-misalignment": (lambda scene, shape: waves(2.0 * scene.path.output), _phase),
+    "position-dependent-gain": (
+        lambda scene, shape: scene.tau[:, None] * waves(shape["output_order"] * scene.path.output),
+        lambda rng, scene: {"output_order": float(rng.choice([1.0, 2.0])), **_phase(rng, scene)},
+    ),
+    "mains-hum": (_clock, lambda rng, scene: _at(rng, 50.0 + rng.uniform(-0.04, 0.04))),
+    "structural-tone": (_clock, lambda rng, scene: _at(rng, _tone(rng))),
+    "arm-sag": (lambda scene, shape: waves(2.0 * scene.path.output), _phase),
+})  # fmt: skip

@@ -5,29 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from .build import Hidden, build, described, drawn_effect, family_of, scene_of
-from .family import effect
+from .family import effect, read_table
 from .geometry import Whitened, sine_squares
 
 _LEAST = 10.0
 # sine squared below which two names are one group on a record (contract, section 5)
 _GROUP = 0.01
-GROUPS = {
-    "lines": ("ripple-harmonic", "bearing-defect", "tooth-mesh", "wave-generator-eccentricity",
-              "motor-unbalance"),
-    "modulated lines": ("load-dependent-ripple", "gain-ripple", "ripple-beat",
-                        "torsional-resonance", "kinematic-error"),
-    "output": ("angular-misalignment", "position-dependent-gain", "arm-sag"),
-    "clock": ("mains-hum", "structural-tone"),
-    "sliding": ("coulomb-friction", "stribeck-friction"),
-    "viscous": ("viscous-friction",),
-    "other friction": ("load-dependent-friction", "presliding"),
-    "curve": ("gain-error", "cubic-nonlinearity", "saturation", "direction-asymmetry", "backlash",
-              "cubic-stiffness", "piecewise-stiffness"),
-    "memory": ("hysteresis", "creep"),
-    "dynamics": ("inertia-error", "time-skew"),
-    "slow": ("zero-step", "zero-drift", "warm-up", "zero-random-walk"),
-    "electrical": ("crosstalk",),
-}  # fmt: skip
+GROUPS = read_table("pairs")["groups"]
 
 
 def groups_in_turn(rng, count):
@@ -103,8 +87,8 @@ class _Record:
     def told(self, which):
         """(truth, torque) of one effect, its sigmas and its group beside all others."""
         family, scene, shape, size = self._seen(which, self.chosen)
-        truth, torque = described(family.name, "physical", family, scene, shape, size, None,
-                                  self.white, self.raw_beside(which, self.chosen))  # fmt: skip
+        beside = self.raw_beside(which, self.chosen)
+        truth, torque = described("physical", family, scene, shape, size, None, self.white, beside)
         return {**truth, "d": self.sigmas(which, self.chosen)}, torque
 
     def take(self, name, family, shape, size):

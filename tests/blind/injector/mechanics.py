@@ -3,20 +3,12 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from .family import Family, branch_loop, sign_curve
+from .family import branch_loop, column, families, sign_curve, unit
 from .motion import EVERY, FINE_S, RATIO
-
-
-def column(curve):
-    return lambda scene, shape: np.asarray(curve(scene, shape))[:, None]
 
 
 def either_sign(rng, scene):
     return {"weights": (float(rng.choice([1.0, -1.0])),)}
-
-
-def unit(rng, scene):
-    return {"weights": (1.0,)}
 
 
 def width(low, high, name="width"):
@@ -29,9 +21,6 @@ def draw_loop(low, high):
         return {"reach": float(reach), "skew": float(skew), "weights": (1.0,)}
 
     return draw
-
-
-_FREE = ("mixed", "short", "protocol")
 
 
 def _stribeck(scene, shape):
@@ -47,70 +36,6 @@ def _draw_stribeck(rng, scene):
         "width": float(rng.uniform(0.3, 0.8)),
         "weights": (1.0,),
     }
-
-
-FRICTION = (
-    Family(
-        "coulomb-friction",
-        column(lambda scene, shape: sign_curve(scene.path.speed, shape["width"])),
-        width(0.3, 1.5),
-        (0.1, 0.3, 1.0),
-        {"width": 1e-3},
-        lambda scene: [{"width": 0.7}],
-        domain="velocity",
-        records=_FREE,
-        shape_agrees=False,
-    ),
-    Family(
-        "viscous-friction",
-        column(lambda scene, shape: scene.path.speed / 400.0),
-        unit,
-        (0.1, 0.3, 1.0),
-        domain="velocity",
-        records=_FREE,
-    ),
-    Family(
-        "stribeck-friction",
-        column(_stribeck),
-        _draw_stribeck,
-        (0.1, 0.3, 0.6),
-        {"speed": 0.01, "width": 1e-3},
-        lambda scene: [
-            {"speed": v, "power": 2.0, "width": 0.5} for v in (8.0, 15.0, 30.0)
-        ],
-        domain="velocity",
-        shape_agrees=False,
-        records=_FREE,
-    ),
-    Family(
-        "load-dependent-friction",
-        column(
-            lambda scene, shape: (
-                np.sqrt(scene.tau**2 + 0.01) * sign_curve(scene.path.speed, shape["width"])
-            )
-        ),
-        width(0.3, 1.5),
-        (0.02, 0.05, 0.1),
-        {"width": 1e-3},
-        lambda scene: [{"width": 0.7}],
-        loaded=True,
-        domain="velocity",
-        shape_agrees=False,
-    ),
-    Family(
-        "presliding",
-        column(
-            lambda scene, shape: branch_loop(scene.path.angle, shape["reach"], shape["skew"])
-        ),
-        draw_loop(0.08, 0.5),
-        (0.1, 0.3, 0.6),
-        {"reach": 1e-3},
-        lambda scene: [{"reach": r, "skew": 0.0} for r in (0.1, 0.3)],
-        domain="velocity",
-        shape_agrees=False,
-        records=_FREE,
-    ),
-)  # fmt: skip
 
 
 _FULL_NM = 25.0
@@ -173,107 +98,6 @@ def _skew(scene, shape):
     return scene.earlier(shape["size"]).signal - scene.earlier(0.0).signal
 
 
-STATIC = (
-    Family(
-        "gain-error", column(lambda scene, shape: scene.tau), either_sign, (0.005, 0.01, 0.03),
-        loaded=True, domain="torque",
-    ),
-    Family(
-        "cubic-nonlinearity",
-        column(lambda scene, shape: scene.tau**3 / _FULL_NM**3),
-        either_sign,
-        (0.05, 0.15, 0.5),
-        loaded=True,
-        domain="torque",
-    ),
-    Family(
-        "hysteresis",
-        column(_loop),
-        draw_loop(1.5, 6.0),
-        (0.04, 0.2, 1.0),
-        {"reach": 1e-2},
-        lambda scene: [{"reach": r, "skew": 0.0} for r in (1.5, 3.5, 7.0)],
-        loaded=True,
-        domain="torque",
-        shape_agrees=False,
-    ),
-    Family(
-        "backlash",
-        column(_hard),
-        unit,
-        (0.1, 0.5, 1.5),
-        grid=lambda scene: [{"size": b} for b in (0.1, 0.6, 1.5)],
-        loaded=True,
-        linear=False,
-        domain="torque",
-        shape_agrees=False,
-    ),
-    Family(
-        "saturation",
-        column(_soft),
-        _draw_soft,
-        (1.0 / 60.0, 1.0 / 40.0, 1.0 / 26.0),
-        grid=lambda scene: [{"size": 1.0 / 60.0, "power": 4.0}, {"size": 1.0 / 60.0, "power": 2.0}],
-        loaded=True,
-        linear=False,
-        domain="torque",
-        shape_agrees=False,
-        stage=1,
-    ),
-    Family(
-        "direction-asymmetry",
-        column(lambda scene, shape: np.sqrt(scene.tau**2 + 0.0025) - 0.05),
-        either_sign,
-        (0.002, 0.005, 0.02),
-        loaded=True,
-        domain="torque",
-    ),
-    Family(
-        "inertia-error",
-        column(lambda scene, shape: scene.bench.inertia / RATIO * scene.path.accel),
-        either_sign,
-        (0.02, 0.05, 0.1),
-        domain="torque",
-        records=_FREE,
-    ),
-    Family(
-        "time-skew", column(_skew), unit, (0.0002, 0.001, 0.003),
-        grid=lambda scene: [{"size": 0.0005}], linear=False, domain="time", records=_FREE,
-        stage=2,
-    ),
-    Family(
-        "cubic-stiffness", column(_stiff_cubic), unit, (0.05, 0.15, 0.5),
-        grid=lambda scene: [{"size": 0.2}], loaded=True, linear=False, domain="torque",
-        shape_agrees=False,
-    ),
-    Family(
-        "piecewise-stiffness",
-        column(_stiff_pieces),
-        _draw_pieces,
-        (0.005, 0.02, 0.05),
-        {"kink_one": 1e-3, "kink_two": 1e-3},
-        lambda scene: [{"kink_one": a, "kink_two": b, "ratio": 1.4}
-                       for a, b in ((5.0, 14.0), (7.0, 16.0))],
-        loaded=True,
-        domain="torque",
-        shape_agrees=False,
-    ),
-)  # fmt: skip
-
-CROSSTALK = (
-    Family(
-        "crosstalk",
-        column(lambda scene, shape: scene.current),
-        either_sign,
-        (0.005, 0.02, 0.05),
-        records=_FREE,
-    ),
-)
-
-
-_SLOW = ("mixed", "short", "protocol", "long")
-
-
 def _relax(scene, seconds):
     """A first-order state that follows the load, integrated exactly on each sample."""
     pole = np.exp(-FINE_S * EVERY / seconds)
@@ -308,54 +132,58 @@ def _walk(scene, shape):
     return walk / np.sqrt(len(walk))
 
 
-SLOW = (
-    Family(
-        "zero-step",
-        column(_step),
-        _draw_step,
-        (0.02, 0.1, 0.5),
-        grid=lambda scene: [{"at_s": f * scene.path.seconds} for f in (0.25, 0.5, 0.75)],
-        records=_FREE,
+MECHANICS = families({
+    "coulomb-friction": (
+        column(lambda scene, shape: sign_curve(scene.path.speed, shape["width"])),
+        width(0.3, 1.5),
     ),
-    Family(
-        "zero-drift",
-        column(lambda scene, shape: scene.path.time / scene.path.seconds),
-        either_sign,
-        (0.02, 0.1, 0.4),
-        records=_SLOW,
+    "viscous-friction": (column(lambda scene, shape: scene.path.speed / 400.0), unit),
+    "stribeck-friction": (column(_stribeck), _draw_stribeck),
+    "load-dependent-friction": (
+        column(
+            lambda scene, shape: (
+                np.sqrt(scene.tau**2 + 0.01) * sign_curve(scene.path.speed, shape["width"])
+            )
+        ),
+        width(0.3, 1.5),
     ),
-    Family(
-        "warm-up",
-        column(_warm),
-        _draw_warm,
-        (0.02, 0.1, 0.4),
-        {"constant_s": 0.01},
-        lambda scene: [{"constant_s": f * scene.path.seconds} for f in (0.15, 0.3, 1.0, 2.5)],
-        records=_SLOW,
+    "presliding": (
+        column(
+            lambda scene, shape: branch_loop(scene.path.angle, shape["reach"], shape["skew"])
+        ),
+        draw_loop(0.08, 0.5),
     ),
-    Family(
-        "creep",
+    "gain-error": (column(lambda scene, shape: scene.tau), either_sign),
+    "cubic-nonlinearity": (
+        column(lambda scene, shape: scene.tau**3 / _FULL_NM**3), either_sign
+    ),
+    "hysteresis": (column(_loop), draw_loop(1.5, 6.0)),
+    "backlash": (column(_hard), unit),
+    "saturation": (column(_soft), _draw_soft),
+    "direction-asymmetry": (
+        column(lambda scene, shape: np.sqrt(scene.tau**2 + 0.0025) - 0.05), either_sign
+    ),
+    "inertia-error": (
+        column(lambda scene, shape: scene.bench.inertia / RATIO * scene.path.accel), either_sign
+    ),
+    "time-skew": (column(_skew), unit),
+    "cubic-stiffness": (column(_stiff_cubic), unit),
+    "piecewise-stiffness": (column(_stiff_pieces), _draw_pieces),
+    "zero-step": (column(_step), _draw_step),
+    "zero-drift": (
+        column(lambda scene, shape: scene.path.time / scene.path.seconds), either_sign
+    ),
+    "warm-up": (column(_warm), _draw_warm),
+    "creep": (
         column(lambda scene, shape: _relax(scene, shape["constant_s"])),
         lambda rng, scene: {
             "constant_s": float(rng.uniform(0.05, 0.25) * scene.path.seconds),
             **unit(rng, scene),
         },
-        (0.0005, 0.002, 0.005),
-        {"constant_s": 0.01},
-        lambda scene: [{"constant_s": f * scene.path.seconds} for f in (0.06, 0.2)],
-        loaded=True,
-        records=("short", "protocol", "long"),
     ),
-    Family(
-        "zero-random-walk",
+    "zero-random-walk": (
         column(_walk),
         lambda rng, scene: {"seed": float(rng.integers(2**31)), **unit(rng, scene)},
-        (0.02, 0.1, 0.3),
-        grid=lambda scene: [],
-        shape_agrees=False,
-        records=_FREE,
     ),
-)  # fmt: skip
-
-
-MECHANICS = (*FRICTION, *STATIC, *SLOW, *CROSSTALK)
+    "crosstalk": (column(lambda scene, shape: scene.current), either_sign),
+})  # fmt: skip

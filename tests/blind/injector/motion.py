@@ -152,17 +152,22 @@ def travel(pieces, rng, second_encoder=False):
     # locked at the output, the motor turns by the twist
     twist = np.where(command.locked, RATIO / STIFFNESS * load, 0.0)
     speed = speed + np.gradient(twist, FINE_S)
-    accel = np.gradient(speed, FINE_S)
-    angle = np.empty_like(speed)
-    angle[0] = 0.0
-    np.cumsum(0.5 * FINE_S * (speed[1:] + speed[:-1]), out=angle[1:])
     pick = slice(0, None, EVERY)
-    output = angle[pick] / RATIO - (load[pick] / STIFFNESS if second_encoder else 0.0)
-    time = np.arange(len(angle[pick])) * (FINE_S * EVERY)
+    time = np.arange(len(speed[pick])) * (FINE_S * EVERY)
     return Path(
-        angle, speed, accel, load, command.locked[pick], time,
-        angle[pick], speed[pick], accel[pick], load[pick], output, second_encoder,
+        fine_load=load, locked=command.locked[pick], time=time, load=load[pick],
+        second_encoder=second_encoder, **turned(speed, load[pick], second_encoder),
     )  # fmt: skip
+
+
+def turned(speed, load, second_encoder):
+    """Angle, speed and acceleration of a fine speed, and the output's angle under a load."""
+    accel = np.gradient(speed, FINE_S)
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * FINE_S * (speed[1:] + speed[:-1]))])
+    fine = {"angle": angle, "speed": speed, "accel": accel}
+    at = {name: values[::EVERY] for name, values in fine.items()}
+    output = at["angle"] / RATIO - (load / STIFFNESS if second_encoder else 0.0)
+    return {**{f"fine_{name}": values for name, values in fine.items()}, **at, "output": output}
 
 
 _SPEEDS = (3.0, 8.0, 20.0, 40.0, 75.0, 120.0, 200.0, 300.0, 400.0)
@@ -294,29 +299,6 @@ RECORDS = {
 def pieces_of(record, rng):
     """Return the pieces of `record`, a name of RECORDS."""
     return RECORDS[record](rng)
-
-
-# pair: (one, other, poor record, size on it, shape parameters that make them look alike on it);
-# the good record is the compact protocol
-DUELS = {
-    "unbalance-eccentricity": (
-        "motor-unbalance", "wave-generator-eccentricity", "one-speed", "d15", {}),
-    "tone-harmonic": ("structural-tone", "ripple-harmonic", "one-speed", "d15",
-                      {"structural-tone": ("frequency_hz", 41.3),
-                       "ripple-harmonic": ("order", 3.0)}),
-    "creep-warmup": ("creep", "warm-up", "hanging", "d15",
-                     {"creep": ("constant_s", 9.0), "warm-up": ("constant_s", 9.0)}),
-    "coulomb-step": ("coulomb-friction", "zero-step", "one-reversal", "d15",
-                     {"zero-step": ("at_s", 20.04)}),
-    "drift-warmup": ("zero-drift", "warm-up", "brief", "d15", {"warm-up": ("constant_s", 100.0)}),
-    "gain-position": ("gain-error", "position-dependent-gain", "one-angle", "d15", {}),
-    "cubic-saturation": ("cubic-nonlinearity", "saturation", "one-angle", "d10", {}),
-    "coulomb-viscous": ("coulomb-friction", "viscous-friction", "two-speeds", "d15", {}),
-    "gain-inertia": ("gain-error", "inertia-error", "free", "d10", {}),
-    "load-gain-ripple": ("load-dependent-ripple", "gain-ripple", "one-sign", "d15", {}),
-    "coulomb-load": ("coulomb-friction", "load-dependent-friction", "one-load", "d15", {}),
-    "gain-asymmetry": ("gain-error", "direction-asymmetry", "one-sign", "d15", {}),
-}  # fmt: skip
 
 
 def duel_pieces(record, rng):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt, welch
 
-from .motion import EVERY, FINE_S, RATIO, STIFFNESS
+from .motion import FINE_S, RATIO, STIFFNESS, turned
 
 _RATE = 1000.0
 _RANGE_RAD_S = 562.565
@@ -89,23 +89,9 @@ def disturbed(scene, nuisances, torque):
         moving = np.clip((np.abs(path.fine_speed) - 1.0) / 20.0, 0.0, 1.0)
         unit = float(np.sqrt(np.mean((moving * answer(scene.clean - path.load)) ** 2)))
         speed = path.fine_speed + drawn["rms_rad_s"] / unit * moving * answer(torque - path.load)
-        path = _turned(path, speed)
+        path = replace(path, **turned(speed, path.load, path.second_encoder))
     clean = bench.torque(path.angle, path.output, path.accel, path.load)
     return replace(scene, path=path, bench=bench, clean=clean)
-
-
-def _turned(path, speed):
-    """The same commands with another fine speed."""
-    accel = np.gradient(speed, FINE_S)
-    angle = np.empty_like(speed)
-    angle[0] = 0.0
-    np.cumsum(0.5 * FINE_S * (speed[1:] + speed[:-1]), out=angle[1:])
-    pick = slice(0, None, EVERY)
-    output = angle[pick] / RATIO - (path.load / STIFFNESS if path.second_encoder else 0.0)
-    return replace(
-        path, fine_angle=angle, fine_speed=speed, fine_accel=accel, angle=angle[pick],
-        speed=speed[pick], accel=accel[pick], output=output,
-    )  # fmt: skip
 
 
 def transients(scene, nuisances, rng):

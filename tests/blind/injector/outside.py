@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .family import Family, sign_curve, waves
+from .family import column, families, sign_curve, unit, waves
 
 # the catalogue's lines have a free order: at the right place such a name is no error; and
 # a walk of the zero may take any slow course
@@ -11,14 +11,8 @@ ACCEPTED = {
     for name in ("order-3.37", "order-8", "subharmonic-0.5")
 } | {"zero-swing": ["zero-random-walk"]}
 
-_FREE = ("mixed", "short", "protocol")
 
-
-def _column(curve):
-    return lambda scene, shape: np.asarray(curve(scene, shape))[:, None]
-
-
-def _phase(rng):
+def _phase(rng, scene):
     phase = rng.uniform(-np.pi, np.pi)
     return {"weights": (float(np.cos(phase)), float(np.sin(phase)))}
 
@@ -67,31 +61,27 @@ def _place(name, low, high):
     return lambda rng, scene: {name: float(rng.uniform(low, high)), "weights": (1.0,)}
 
 
-OUTSIDE = (
-    Family("order-3.37", _order(3.37), lambda r, s: _phase(r), (0.02, 0.1, 0.3),
-           domain="motor-order", records=_FREE),
-    Family("order-8", _order(8.0), lambda r, s: _phase(r), (0.02, 0.1, 0.3),
-           domain="motor-order", records=_FREE),
-    Family("subharmonic-0.5", _order(0.5), lambda r, s: _phase(r), (0.02, 0.1, 0.3),
-           domain="motor-order", records=_FREE),
-    Family("tooth-damage", _column(_bump), _place("place_rad", 0.3, 2.5), (0.1, 0.3, 1.0),
-           domain="output-order", records=_FREE),
-    Family("chirp", _chirp,
-           lambda rng, scene: {"from_hz": float(rng.uniform(20.0, 60.0)),
-                               "to_hz": float(rng.uniform(90.0, 200.0)), **_phase(rng)},
-           (0.05, 0.2, 0.5), domain="frequency", records=_FREE),
-    Family("windage", _column(_windage), lambda rng, scene: {"weights": (1.0,)},
-           (0.1, 0.3, 1.0), domain="velocity", records=_FREE),
-    Family("rate-times-speed", _column(_rate_speed), lambda rng, scene: {"weights": (1.0,)},
-           (0.05, 0.2, 0.5), domain="velocity", records=_FREE),
-    Family("zero-swing", _column(_wander), _place("place", 0.25, 0.75), (0.02, 0.1, 0.3),
-           domain="time", records=_FREE),
-    Family("loose-contact", _column(_contact),
-           lambda rng, scene: {"seed": float(rng.integers(2**31)), "weights": (1.0,)},
-           (0.1, 0.3, 1.0), domain="time", records=_FREE),
-    Family("friction-of-angle",
-           lambda scene, shape: (
-               sign_curve(scene.path.speed, 0.6)[:, None] * waves(2.0 * scene.path.angle)
-           ),
-           lambda r, s: _phase(r), (0.02, 0.1, 0.3), domain="motor-order", records=_FREE),
-)  # fmt: skip
+OUTSIDE = families({
+    "order-3.37": (_order(3.37), _phase),
+    "order-8": (_order(8.0), _phase),
+    "subharmonic-0.5": (_order(0.5), _phase),
+    "tooth-damage": (column(_bump), _place("place_rad", 0.3, 2.5)),
+    "chirp": (
+        _chirp,
+        lambda rng, scene: {"from_hz": float(rng.uniform(20.0, 60.0)),
+                            "to_hz": float(rng.uniform(90.0, 200.0)), **_phase(rng, scene)},
+    ),
+    "windage": (column(_windage), unit),
+    "rate-times-speed": (column(_rate_speed), unit),
+    "zero-swing": (column(_wander), _place("place", 0.25, 0.75)),
+    "loose-contact": (
+        column(_contact),
+        lambda rng, scene: {"seed": float(rng.integers(2**31)), "weights": (1.0,)},
+    ),
+    "friction-of-angle": (
+        lambda scene, shape: (
+            sign_curve(scene.path.speed, 0.6)[:, None] * waves(2.0 * scene.path.angle)
+        ),
+        _phase,
+    ),
+})  # fmt: skip

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .bench import channels_of, convert, optional
-from .build import Made, described, drawn_effect, known_families, scene_of
+from .build import Made, described, drawn_effect, known_families, scene_of, truth_of
 from .family import effect
-from .geometry import Whitened, baseline, candidates
+from .geometry import Whitened, candidates
 from .motion import FINE_S, RATIO
 from .nuisances import Log, disturbed, draw_nuisances, neutral_names, transients
 
@@ -80,7 +80,7 @@ class _Log:
         self.seen = _measured(scene, self.log, self.angle, self.speed)
         self.floor_nm = max(0.001, 0.02 * scene.noise.sigma_nm)
         time, path = scene.path.time, self.seen.path
-        known = [baseline(path.angle, path.output)]
+        known = [self.seen.baseline()]
         if "gain" in nuisances:
             known += [scene.path.load[:, None], self.seen.tau[:, None]]
         if "inertia" in nuisances:
@@ -129,6 +129,12 @@ class _Log:
         return {name: round(value, 5) for name, value in out.items() if value < 0.25}
 
 
+def _torque(scene, plans):
+    """The sound bench and the effects, N m."""
+    effects = (effect(plan.family, scene, plan.shape, plan.size) for plan in plans)
+    return scene.clean + sum(effects, np.zeros(len(scene.clean)))
+
+
 def _planned(case, scene, nuisances):
     """Effects with sizes that both records show: the smaller of both sigmas is the tier's."""
     white = Whitened(scene)
@@ -136,10 +142,7 @@ def _planned(case, scene, nuisances):
     for k in range(len(case.hidden)):
         family, shape = drawn_effect(case, k, scene)
         first.append(_Planned(case.hidden[k].name, family, shape, family.physical[1], ()))
-    torque = scene.clean + sum(
-        (effect(p.family, scene, p.shape, p.size) for p in first), np.zeros(len(scene.clean))
-    )
-    rough = _Log(case, disturbed(scene, nuisances, torque), nuisances)
+    rough = _Log(case, disturbed(scene, nuisances, _torque(scene, first)), nuisances)
     sound = _Log(case, scene, {})
     out = []
     for plan, hidden in zip(first, case.hidden, strict=True):
@@ -165,8 +168,8 @@ def _truths(plans, scene, white, which, log):
     entries = [(plan.family, plan.shape, plan.size) for plan in plans]
     for plan in plans:
         seen = scene.before(plan.family, entries)
-        truth, torque = described(plan.name, f"d{plan.sigmas[which]:.0f}", plan.family, seen,
-                                  plan.shape, plan.size, None, white)  # fmt: skip
+        tier = f"d{plan.sigmas[which]:.0f}"
+        truth, torque = described(tier, plan.family, seen, plan.shape, plan.size, None, white)
         truth["d"] = plan.sigmas[which]
         if log:
             # what a slow channel blurs is one group there
@@ -224,10 +227,7 @@ def build_pair(case):
     names = {plan.name for plan in plans}
     rough = case.note == "rough"
     if rough:
-        start = scene.clean + sum(
-            (effect(p.family, scene, p.shape, p.size) for p in plans), np.zeros(len(scene.clean))
-        )
-        scene = disturbed(scene, nuisances, start)
+        scene = disturbed(scene, nuisances, _torque(scene, plans))
         white = Whitened(scene) if plans else None
     log = _Log(case, scene, nuisances) if rough else None
     truths, torques = _truths(plans, scene, white, int(rough), log)
@@ -241,12 +241,8 @@ def build_pair(case):
     else:
         columns = {**_plain_columns(case, scene, torques), **extra}
     compared = all(min(plan.sigmas) >= _LEAST for plan in plans) and not _one_group(truths)
-    truth = {
-        "key": case.key, "part": case.part, "record": case.record, "noise": case.noise,
-        "sigma_nm": case.sigma_nm, "bits": case.bits, "seconds": scene.path.seconds,
-        "turns": float(np.ptp(scene.path.angle)) / (2.0 * np.pi), "hidden": truths, "fault": "",
-        "fault_truth": {}, "note": case.note, "pair": case.key.rpartition("-")[0],
-        "nuisances": nuisances, "neutral": neutral_names(nuisances) if rough else [],
-        "compared": compared,
-    }  # fmt: skip
+    truth = truth_of(
+        case, scene.path, truths, pair=case.key.rpartition("-")[0], nuisances=nuisances,
+        neutral=neutral_names(nuisances) if rough else [], compared=compared,
+    )  # fmt: skip
     return Made(columns, truth, scene, tuple(torques))

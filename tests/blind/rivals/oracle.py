@@ -7,8 +7,7 @@ out are every fifth of twenty blocks in turn. No search, no name to find: nobody
 import numpy as np
 from injector.bench import LOAD_INERTIA
 from injector.build import family_of
-from injector.family import effect
-from injector.geometry import baseline
+from injector.family import effect, slopes
 from injector.motion import RATIO
 
 _BLOCKS = 20
@@ -33,11 +32,7 @@ def _columns(scene, entry):
         base = effect(family, scene, shape, size)
         more = effect(family, scene, shape, 1.01 * size)
         out += [base[:, None], (more - base)[:, None] / (0.01 * size)]
-    for name, step in family.steps.items():
-        ahead = effect(family, scene, {**shape, name: shape[name] + step}, size)
-        back = effect(family, scene, {**shape, name: shape[name] - step}, size)
-        out.append((ahead - back)[:, None] / (2.0 * step))
-    return np.column_stack(out)
+    return np.column_stack([*out, *slopes(family, scene, shape, size)])
 
 
 def _sums(matrix):
@@ -65,7 +60,7 @@ def oracle(made):
     if len(made.torques) != len(entries):
         return None
     scene = made.scene
-    first = baseline(scene.path.angle, scene.path.output)
+    first = scene.baseline()
     acting = [(family_of(entry["name"]), dict(entry["shape"]), entry["size"]) for entry in entries]
     hidden = [_columns(scene.before(one[0], acting), entry)
               for one, entry in zip(acting, entries, strict=True)]  # fmt: skip

@@ -7,7 +7,6 @@ that is how they are commonly used. Their terms are given the names they stand f
 import numpy as np
 from injector.build import known_families
 from injector.family import waves
-from injector.geometry import baseline
 
 from .installed import INSTALLED, terms_of
 from .oracle import measured_rest
@@ -34,7 +33,7 @@ def library(made):
 
 def _prepared(made):
     scene = made.scene
-    basis = np.linalg.qr(baseline(scene.path.angle, scene.path.output))[0]
+    basis = np.linalg.qr(scene.baseline())[0]
     rest = measured_rest(made)
     rest = rest - basis @ (basis.T @ rest)
     names, blocks = [], []

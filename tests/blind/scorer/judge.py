@@ -3,7 +3,9 @@
 import hashlib
 import json
 import math
-from dataclasses import dataclass, field
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
 
 
 def open_truth(sealed, mark):
@@ -13,55 +15,20 @@ def open_truth(sealed, mark):
     return json.loads(sealed["text"])
 
 
-_LINE = (("amplitude_nm", "size", 1.0),)
-# family: (parameter of the answer, truth's name, factor from the truth's unit to the answer's);
-# a factor "per_s" divides by the record's length
-_SAME = {
-    "ripple-harmonic": (*_LINE, ("order", "order", 1.0)),
-    "wave-generator-eccentricity": _LINE,
-    "motor-unbalance": (("amplitude_nm", "size", 1.0 / 9.0),),
-    "load-dependent-ripple": (("amplitude_nm", "size", 10.0),),
-    "gain-ripple": (("amplitude_nm", "size", 10.0),),
-    "torsional-resonance": (("resonance_hz", "resonance_hz", 1.0), ("damping", "damping", 1.0)),
-    "tooth-mesh": _LINE,
-    "bearing-defect": (("order", "order", 1.0),),
-    "angular-misalignment": _LINE,
-    "mains-hum": (*_LINE, ("frequency_hz", "frequency_hz", 1.0)),
-    "structural-tone": (*_LINE, ("frequency_hz", "frequency_hz", 1.0)),
-    "viscous-friction": (("viscous_nm_s_per_rad", "size", 1.0 / 400.0),),
-    "gain-error": (("gain_error", "size", 1.0),),
-    "cubic-nonlinearity": (("cubic_nm", "size", 0.064),),
-    "direction-asymmetry": (("asymmetry", "size", 1.0),),
-    "inertia-error": (("inertia_kg_m2", "size", 1.725e-2),),
-    "time-skew": (("skew_s", "size", 1.0),),
-    "zero-step": (("step_nm", "size", 1.0),),
-    "zero-drift": (("drift_nm_per_s", "size", "per_s"),),
-    "warm-up": (("rise_nm", "size", 1.0), ("time_constant_s", "constant_s", 1.0)),
-    "creep": (("creep", "size", 1.0), ("time_constant_s", "constant_s", 1.0)),
-    "crosstalk": (("crosstalk_nm_per_a", "size", 1.0),),
-}
-
-
-# the same for calibration loads; when a weight was hung between two readings nobody wrote down,
-# so that the creep of injector and answer are not the same number
-_STATIC = {
-    "cubic-nonlinearity": (("cubic_nm", "size", 1.0 / 64.0),),
-    "direction-asymmetry": (("asymmetry", "size", 1.0),),
-    "zero-drift": (("drift_nm_per_s", "size", 1.0 / 3600.0),),
-}
+_NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text())
 
 
 def deviations(truth, matched, causes):
     """((family, parameter, deviation / bound, deviation / stated standard deviation), ...)."""
     out = []
-    known = _STATIC if truth["record"] == "loads" else _SAME
+    known = _NAMES["load_parameters" if truth["record"] == "loads" else "parameters"]
     for which, effect in enumerate(truth["hidden"]):
         if which not in matched or not effect["agrees"]:
             continue
         cause = causes[matched[which]]
         if cause["name"] != effect["name"]:
             continue
-        for reported, name, factor in known.get(effect["name"], ()):
+        for reported, (name, factor) in known.get(effect["name"], {}).items():
             entry = cause["parameters"].get(reported)
             if entry is None or name not in effect["bounds"]:
                 continue
@@ -74,16 +41,6 @@ def deviations(truth, matched, causes):
     return tuple(out)
 
 
-_NEAR = {
-    "motor-order": {"motor-order", "frequency"},
-    "output-order": {"output-order", "time"},
-    "frequency": {"frequency", "time", "motor-order"},
-    "time": {"time", "outliers", "variance"},
-    "velocity": {"velocity", "torque"},
-    "torque": {"torque", "velocity"},
-    "variance": {"variance"},
-    "outliers": {"outliers", "time", "variance"},
-}
 _PLACES = {
     "order-3.37": ("motor-order", 3.37),
     "order-8": ("motor-order", 8.0),
@@ -97,7 +54,7 @@ def located(truth, answer):
     if not truth["hidden"]:
         return False, None
     effect = truth["hidden"][0]
-    allowed = _NEAR.get(effect["domain"], {effect["domain"]})
+    allowed = _NAMES["near"].get(effect["domain"], [effect["domain"]])
     right = any(left["domain"] in allowed for left in answer["unexplained"])
     if effect["name"] not in _PLACES:
         return right, None
@@ -119,46 +76,33 @@ GROUP = 0.01
 # ... and below which a name that the answer puts into the group is not held against it: another
 # form of the same effect turns a column by some degrees
 _TOLERATED = 0.03
+# faults whose flag is an answer too
 _FLAGS = {
-    "missed-samples": {"missed-samples"},
-    "spikes": {"spikes"},
-    "quantisation": {"quantisation"},
-    "encoder-slip": {"encoder-slip"},
-    "tacho-ripple": {"tacho-ripple"},
-    "speed-dependent-noise": {"speed-dependent-noise"},
-    "saturation": {"saturation"},
-}
-# bad data: names, of causes or flags, that tell the fault; none for what is no fault
-FAULT_NAMES = {
-    "gaps": {"missed-samples"},
-    "clipping": {"saturation"},
-    "slip": {"encoder-slip"},
-    "wrong-units": {"wrong-channel", "torque-scale", "wrong-unit"},
-    "swapped-channel": {"wrong-channel", "swapped-channel"},
-    "stuck": {"stuck-value"},
-    "noisy-load-cell": set(),
-}
+    "missed-samples", "spikes", "quantisation", "encoder-slip", "tacho-ripple",
+    "speed-dependent-noise", "saturation",
+}  # fmt: skip
+# bad data: names, of causes or flags, that tell the fault
+FAULT_NAMES = {fault: set(names) for fault, names in _NAMES["faults"].items()}
 
 
 @dataclass(frozen=True)
 class Verdict:
     """What one answer is worth; see the benchmark's page for the definitions."""
 
-    answered: bool
-    alarm: bool
-    exact: bool
-    covered: bool
-    set_size: float
-    wrong_certain: bool
-    named: tuple
-    phantoms: int
-    unexplained: int
-    found: int
     hidden: int
-    right_domain: bool
-    place_error: float | None
-    rivals_told: bool
-    deviations: tuple = field(default=())
+    answered: bool = False
+    alarm: bool = False
+    exact: bool = False
+    covered: bool = False
+    set_size: float = 0.0
+    wrong_certain: bool = False
+    named: tuple = ()
+    phantoms: int = 0
+    unexplained: int = 0
+    found: int = 0
+    right_domain: bool = False
+    place_error: float | None = None
+    deviations: tuple = ()
     probability: float | None = None
     gain: tuple | None = None
     fault_told: bool = False
@@ -188,8 +132,8 @@ def _is_exact(cause, entry):
 
 def _flagged(answer, entry):
     """Flags that name the fault: they are causes too."""
-    known = _FLAGS.get(entry["name"], set())
-    return any(flag["name"] in known for flag in answer.get("data_flags", ()))
+    name = entry["name"]
+    return name in _FLAGS and any(flag["name"] == name for flag in answer.get("data_flags", ()))
 
 
 def _tells_fault(told, answer):
@@ -216,17 +160,12 @@ def _set_size(cause):
     return 1.0 + len(set(cause.get("rivals", ())) - set(cause.get("group", ())))
 
 
-def _empty(hidden):
-    return Verdict(False, False, False, False, 0.0, False, (), 0, 0, 0, len(hidden), False, None,
-                   False)  # fmt: skip
-
-
 def judge(truth, entry):
     """Judge one answer (an entry of the runner) by the truth."""
     hidden = truth["hidden"]
     answer = entry.get("answer")
     if answer is None:
-        return _empty(hidden)
+        return Verdict(len(hidden))
     causes, left = answer["causes"], answer["unexplained"]
     flagged = [_flagged(answer, effect) for effect in hidden]
     matched = match(causes, hidden, _fits)
@@ -243,6 +182,7 @@ def judge(truth, entry):
     in_domain, error = located(truth, answer)
     first = causes[matched[0]] if 0 in matched else None
     return Verdict(
+        len(hidden),
         answered=True,
         alarm=alarm,
         exact=bool(hidden) and len(right) == len(hidden) and not strays and not left,
@@ -253,10 +193,8 @@ def judge(truth, entry):
         phantoms=len(strays),
         unexplained=len(left),
         found=len(found),
-        hidden=len(hidden),
         right_domain=in_domain,
         place_error=error,
-        rivals_told=any(cause.get("rivals") for cause in causes),
         deviations=deviations(truth, matched, causes),
         probability=_probability(first or (causes[0] if causes else None)),
         gain=_gain(truth, answer),

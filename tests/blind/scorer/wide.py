@@ -2,7 +2,7 @@
 
 import statistics
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from .judge import GROUP, deviations, match, names_of
 from .metrics import share
@@ -33,7 +33,7 @@ class Wide:
     right: bool = False
     wrong_certain: bool = False
     by: str = ""
-    deviations: tuple = field(default=())
+    deviations: tuple = ()
 
 
 def _near_order(told, true):
