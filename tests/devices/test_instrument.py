@@ -200,6 +200,6 @@ def test_device_time_runs_at_its_speed():
 
 def test_an_extended_model_is_refused_where_the_motion_is_not_known_beforehand():
     bench = SimulatedBench(profile(), AS_MODELLED, 1)
-    bench._causes._model = object()
+    bench._causes.model = object()
     with pytest.raises(UsageError, match="whole motion beforehand"):
         bench.begin_host_written(sample_period_s=1e-3)

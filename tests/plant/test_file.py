@@ -101,7 +101,7 @@ def test_a_name_that_does_not_exist_gets_its_nearest_neighbour() -> None:
 
 
 def test_a_folder_is_no_plant(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="is not a file"):
+    with pytest.raises(ProfileError, match="not a regular file"):
         load_plant(str(tmp_path))
 
 

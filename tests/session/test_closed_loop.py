@@ -66,7 +66,7 @@ def test_a_run_with_motion_is_scaled_and_filtered_as_its_manifest_says(
     assert len(manifest["calibration"]["sha256"]) == 64
     np.testing.assert_array_equal(trace["torque_nm"], trace["torque_v"] * gain)
     stored = FilterModel.from_dict(manifest["filter"], source="run.json")
-    again = filter_trace(trace, stored, velocity_gain_rad_s_per_v=bench.data.tacho.gain_rad_s_per_v)
+    again = filter_trace(trace, stored, bench.data)
     np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
     if kind == "ripple":
         told = " ".join(stored.provenance.values())
