@@ -120,6 +120,7 @@ class Search:
     first: dict[str, FloatArray] = field(default_factory=dict)
     first_power: float = 0.0
     most_nats: float = 0.0
+    least_share: float = 0.0
     whole: Fit | None = None
 
     @property
@@ -211,7 +212,11 @@ class Search:
             )
             if not found:
                 break
+            before = self.fit.bands.power(self.fit.residual).sum()
             self.accept((replace(found[0], joined=None),))
+            # further ones explain less
+            if self.explained(before) < self.least_share:
+                break
         self.whole, self.fit = self.fit, names
 
     def _passing(self, looks: list[tuple[str, Look]]) -> list[tuple[str, Look]]:
@@ -884,6 +889,7 @@ def search_from(
     tables.calibrate(fit, rng)
     state = Search(fit, names, tables, plan_scans(record), usable, alpha, causes)
     state.first_power = float(fit.bands.power(fit.residual).sum())
+    state.least_share = least_share
     state.first = {scan.domain: scan_power(fit, scan)[1] for scan in state.scans}
     small = 0
     for count in range(_MOST_ROUNDS):
