@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.special import chdtrc, chdtri
 
 from hdbench.records.trace import FloatArray
 
@@ -58,6 +59,21 @@ def sine_squared(first: FloatArray, second: FloatArray) -> float:
     if first.shape[1] == 1:
         return 1.0 - float(first[:, 0] @ second[:, 0]) ** 2
     return 1.0 - float(np.linalg.svd(first.T @ second, compute_uv=False).min()) ** 2
+
+
+def chi2_tail(value: float, dof: float) -> float:
+    """Return the probability of a chi^2 of `dof` above `value`."""
+    return float(chdtrc(dof, max(value, 0.0)))
+
+
+def chi2_tails(values: FloatArray, dof: float) -> FloatArray:
+    """Return the probability of a chi^2 of `dof` above each value."""
+    return np.asarray(chdtrc(dof, np.maximum(values, 0.0)))
+
+
+def chi2_level(chance: float, dof: float) -> float:
+    """Return the value that a chi^2 of `dof` exceeds with this probability."""
+    return float(chdtri(dof, chance))
 
 
 def share_p_value(share: FloatArray | float, rank: int, dof: int) -> FloatArray:

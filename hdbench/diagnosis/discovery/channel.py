@@ -9,10 +9,10 @@ from functools import cache
 import numpy as np
 
 from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
-from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
 from hdbench.diagnosis.discovery.record import Record, smoothed
 from hdbench.diagnosis.discovery.term import Term
+from hdbench.diagnosis.evidence import chi2_tail
 from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.chance import chi2_tail, chi2_tails
 from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.shapes import chosen_shapes
@@ -21,7 +20,7 @@ from hdbench.diagnosis.discovery.term import (
     is_whole_share,
     term_columns,
 )
-from hdbench.diagnosis.evidence import PASSED, any_of
+from hdbench.diagnosis.evidence import PASSED, any_of, chi2_tail, chi2_tails
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 

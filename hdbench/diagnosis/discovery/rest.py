@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.diagnosis.discovery.bands import shifted
-from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.diagnosis.evidence import chi2_tail
 from hdbench.records.trace import FloatArray
 
 # samples over which a burst changes, its lengths, and the share of the record of the longest

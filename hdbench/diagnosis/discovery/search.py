@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.channel import DELAY, LOW_PASS_PRICE, best_delay, start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, explained, make_dictionary
 from hdbench.diagnosis.discovery.fit import Beside, Fit, Part
@@ -20,9 +19,15 @@ from hdbench.diagnosis.discovery.form import (
     joined,
     usual_scale,
 )
-from hdbench.diagnosis.discovery.lines import Scan, plan_scans, scan_looks, scan_power, step_look
+from hdbench.diagnosis.discovery.lines import (
+    Scan,
+    modulated_looks,
+    plan_scans,
+    scan_looks,
+    scan_power,
+    step_look,
+)
 from hdbench.diagnosis.discovery.loudness import loudness_beside, loudness_of
-from hdbench.diagnosis.discovery.modulated import modulated_looks
 from hdbench.diagnosis.discovery.moments import Moments, solve, solve_best
 from hdbench.diagnosis.discovery.record import SAMPLED, Record, with_simulated
 from hdbench.diagnosis.discovery.refine import (
@@ -43,7 +48,7 @@ from hdbench.diagnosis.discovery.term import (
     smooth_shapes,
     term_columns,
 )
-from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS
+from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS, chi2_tail
 from hdbench.model import Cause
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
 from hdbench.records.trace import FloatArray

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.fit import Fit
@@ -44,6 +43,7 @@ from hdbench.diagnosis.discovery.told import (
     table_places,
     walk_of,
 )
+from hdbench.diagnosis.evidence import chi2_tail
 from hdbench.model import BenchModel, Cause, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import (

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.diagnosis.answer.result import Spectrum
-from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.channel import DELAY, best_delay
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.form import USUAL, formed_share, usual_scale
@@ -27,7 +26,7 @@ from hdbench.diagnosis.discovery.search import (
 from hdbench.diagnosis.discovery.spectrum import Shapes
 from hdbench.diagnosis.discovery.tables import axes_of, is_table
 from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, term_columns
-from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS
+from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS, chi2_level, chi2_tail
 from hdbench.model import BenchModel, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import (

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from hdbench.diagnosis.discovery.chance import chi2_level
-from hdbench.diagnosis.evidence import RANK, SAME_SPACE
+from hdbench.diagnosis.evidence import RANK, SAME_SPACE, chi2_level
 from hdbench.diagnosis.planning.frame import ROWS, Frame, Noise, make_frame
 from hdbench.diagnosis.planning.signatures import (
     Effect,

@@ -1,0 +1,91 @@
+"""Channel of the torque and the noise in it: delays, low-passes through gaps, loud stretches."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfilt
+from swinging_shaft import reversing
+
+from hdbench.diagnosis import diagnose_trace
+from hdbench.diagnosis.discovery.bands import make_bands, shifted
+from hdbench.diagnosis.discovery.loudness import loudness
+from hdbench.profile import load_profile
+from hdbench.records import Trace
+
+PROFILE = load_profile("cim-tr-97-06")
+
+
+def dry(_angle, speed, _load):
+    return 0.3 * np.tanh(speed / 0.5)
+
+
+def late(samples):
+    """Return a channel that is read some samples late."""
+    return lambda torque: np.concatenate([np.full(samples, torque[0]), torque])[: len(torque)]
+
+
+def named(result):
+    return {cause.name: cause for cause in (*result.causes, *result.minor)}
+
+
+def test_a_shift_is_the_signal_some_samples_ago_and_keeps_its_power():
+    at = np.arange(2000.0)
+    wave = np.cos(0.31 * at + 0.2)
+    inside = slice(100, 1900)
+    moved = shifted(wave, 2.25)
+    np.testing.assert_allclose(moved[inside], np.cos(0.31 * (at - 2.25) + 0.2)[inside], atol=2e-3)
+    noise = np.random.default_rng(0).standard_normal(2000)
+    assert np.sum(shifted(noise, 0.5) ** 2) == pytest.approx(np.sum(noise**2), rel=0.01)
+
+
+def test_a_delay_is_found_beside_friction():
+    result = diagnose_trace(reversing(dry, channel=late(2)), PROFILE)
+    found = named(result)
+    assert {"time-skew", "coulomb-friction"} <= set(found)
+    skew = found["time-skew"].parameters["skew_s"]
+    assert abs(skew.value - 0.002) < 4.0 * skew.std < 1e-4
+    # the model with the delay explains the record
+    again = diagnose_trace(reversing(dry, channel=late(2)), PROFILE, model=result.model)
+    assert again.causes == ()
+    assert "time-skew" in {term.name for term in again.model.causes}
+
+
+def test_no_delay_is_found_where_there_is_none():
+    assert "time-skew" not in named(diagnose_trace(reversing(dry), PROFILE))
+
+
+def test_a_low_pass_is_found_through_gaps_of_the_stamps():
+    sections = butter(2, 12.0, fs=1000.0, output="sos")
+
+    def filtered(torque):
+        return torque[0] + sosfilt(sections, torque - torque[0])
+
+    whole = reversing(dry, channel=filtered, noise_nm=0.01)
+    kept = np.ones(len(whole), dtype=bool)
+    for first in (2500, 7000, 11_300):
+        kept[first : first + 25] = False
+    trace = Trace({name: values[kept] for name, values in whole.columns.items()})
+    result = diagnose_trace(trace, PROFILE)
+    found = result.settings["torque_low_pass"]
+    assert found["delayed"]
+    assert found["corner_hz"] == pytest.approx(12.0, rel=0.05)
+    assert len(result.pictures.time_s) == len(trace)
+    assert {cause.name for cause in result.causes} <= {"coulomb-friction", "missed-samples"}
+
+
+@pytest.mark.parametrize("times", [1.0, 2.0])
+def test_loudness_is_the_variance_where_an_effect_acts(times):
+    n, found = 12_000, []
+    bands = make_bands(np.ones(n, dtype=bool), 1e-3)
+    # the effect acts in a quarter of the record, in many short stretches
+    acting = (np.arange(n) // 10) % 4 == 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        effect = np.where(acting, rng.choice([-1.0, 1.0], n), 0.0)
+        noise = np.where(acting, times, 1.0) * rng.standard_normal(n)
+        row, left = bands.transform(np.column_stack([effect, noise]))
+        left -= (row @ left) / (row @ row) * row
+        found.append(loudness(bands, row, left, np.ones(len(bands))))
+    # less what chance gives 192 stretches: 1 + 2 sqrt(2 / 192)
+    assert np.median(found) == pytest.approx(max(1.0, times**2 / 1.204), rel=0.1)
+    if times == 1.0:
+        assert np.mean(np.array(found) > 1.0) < 0.2
