@@ -133,8 +133,10 @@ def candidate_of(
         )
     if not all(p.contains(float(x)) for p, x in zip(term.cause.linear, linear, strict=True)):
         statistic = 0.0
-    if statistic > 0.0 and not _possible(term, record, linear):
-        statistic = 0.0
+    if statistic > 0.0 and term.cause.possible is not None:
+        directions = scale[:, None] * term.cause.possible(record.motion, term.shape)
+        amount, statistic = _within(directions, matrix, right)
+        linear = amount / scale
     return Candidate(term, rows, scale, statistic, dof, linear, trials, false_alarm)
 
 
@@ -160,14 +162,26 @@ def _is_sine(found: Candidate, parts: list[list[int]]) -> bool:
     return is_line(found.term.cause) and len(parts) > 1 and found.dof <= len(parts[0])
 
 
-def _possible(term: Term, record: Record, linear: FloatArray) -> bool:
-    """Return whether linear parameters can be: sums of the cause's directions of one sign."""
-    if term.cause.possible is None:
-        return True
-    directions = term.cause.possible(record.motion, term.shape)
-    weights = np.linalg.lstsq(directions, linear, rcond=None)[0]
-    small = 1e-9 * float(np.abs(weights).max())
-    return bool(np.all(weights >= -small) or np.all(weights <= small))
+def _within(
+    directions: FloatArray, matrix: FloatArray, right: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the best amounts that can be, sums of directions of one sign, and what they explain.
+
+    What noise or another cause moves beyond them is held at their edge.
+    """
+    from scipy.optimize import nnls
+
+    inner, along = directions.T @ matrix @ directions, directions.T @ right
+    value, vector = np.linalg.eigh(inner)
+    kept = value > 1e-12 * max(float(value[-1]), 1e-300)
+    root = (vector[:, kept] * np.sqrt(value[kept])).T
+    best, most = np.zeros(len(directions)), 0.0
+    for sign in (1.0, -1.0):
+        weights = sign * nnls(root, sign * (vector[:, kept].T @ along) / np.sqrt(value[kept]))[0]
+        gain = float(2.0 * weights @ along - weights @ inner @ weights)
+        if gain > most:
+            best, most = directions @ weights, gain
+    return best, most
 
 
 def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROUNDS) -> Candidate:
