@@ -677,7 +677,7 @@ def _turn(entry: tuple[Candidate, ...]) -> float:
     A motion that repeats makes a law of speed look like lines over the angle, not the reverse.
     """
     law = any(follows_motion(c.term.cause) for c in entry)
-    return round(_nats(entry) * (_LAWS_FIRST if law else 1.0), 1)
+    return round(_plain(entry) * (_LAWS_FIRST if law else 1.0), 1)
 
 
 def value_of(fit: Fit) -> float:
@@ -905,7 +905,7 @@ def search_from(
         most = max(state.most_nats, form.gain_nats if form else 0.0)
         if state.accept_slow(most) or state.accept_delay(most):
             continue
-        least = max(_plain(found) * (_turn(found) / max(_nats(found), 1.0)), _LEAST_NATS)
+        least = max(_turn(found), _LEAST_NATS)
         if form is not None and form.gain_nats > least:
             for _ in range(_FORM_MOVES):
                 state.change_form(form)
