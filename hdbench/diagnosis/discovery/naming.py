@@ -57,7 +57,9 @@ def name_causes(search: Search) -> dict[int, Named]:
         own = table[0]
         names = [c for c in table[1:] if not is_table(c.term.cause)]
         better = max(names, key=lambda c: c.evidence_nats, default=own)
-        if better.evidence_nats > own.evidence_nats + RIVAL_NATS:
+        # a line was found before its harmonics were looked at: the likelier name is its first
+        lines = is_line(own.term.cause) and is_line(better.term.cause)
+        if better.evidence_nats > own.evidence_nats + (0.0 if lines else RIVAL_NATS):
             search.log.append(
                 f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
                 f"{better.evidence_nats:.1f}"
