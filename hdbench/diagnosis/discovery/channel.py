@@ -37,13 +37,14 @@ _HIGHEST, _TUNED = 0.95, 2
 _KINDS = ((2, False), (2, True), (4, False))
 # dry friction turns over within a hundredth of the largest speed
 _SHARP = 100.0
-# a low-pass is one of eighteen that are tried, and is seldom: 60 to 1
+# a low-pass is one of up to 42 that are tried, and is seldom: 25 to 1
 LOW_PASS_PRICE = 7.0
+# name of a delay in the catalogue
 DELAY = "time-skew"
 # two channels of one log are seldom further apart than this, s; within it, delays from which the
 # likelihood is followed: the first ripple that a delay turns by a whole turn is farther away
 _LARGEST_S, _STARTS_S = 0.02, (-0.01, -0.003, 0.003, 0.01)
-# a delay is followed where this much could be gained, and until less than a tenth of it is left
+# a delay is followed where the parabola about the best start promises to gain more than this
 _WORTH_NATS = 2.0
 
 
@@ -201,7 +202,7 @@ def best_delay(fit: Fit) -> Delay:
     return Delay(known[best], known[best].likelihood - known[0.0].likelihood, float(std))
 
 
-def _parabola(loss, at: float, step: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+def _parabola(loss: Callable[[float], float], at: float, step: float) -> tuple[float, float]:
     """Return slope and curvature of a function about a place."""
     low, middle, high = loss(at - step), loss(at), loss(at + step)
     return (high - low) / (2.0 * step), (high + low - 2.0 * middle) / step**2
