@@ -5,7 +5,8 @@ Usage: python tools/bench/devices.py [--seconds 60] [--only serial|sustained|tcp
 * serial: 1 kHz in real time over a line at the wire's pace: samples, losses, depth.
 * sustained: as many blocks as go, against the limit that characters and silences set.
 * tcp: the driver against a client of raw sockets on the same server, in turns.
-* polled: the link of polled devices against pymodbus as it comes, on the same server, in turns.
+* polled: the link of polled devices against pymodbus as it comes, and against bare sockets, on the
+  same server, in turns.
 """
 
 from __future__ import annotations
@@ -311,7 +312,7 @@ def _driver_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
 
 
 def polled(seconds: float) -> dict[str, object]:
-    """Compare the link of polled devices with pymodbus as it comes, reads of 2 to 125 registers."""
+    """Compare the link of polled devices with pymodbus as it comes and with bare sockets."""
     row: dict[str, object] = {}
     with served(_register_server) as port:
         for count in (2, 20, 125):
@@ -339,14 +340,16 @@ def _register_server(port: Any) -> None:
 
 
 def _compare_polled(place: tuple[int, int, int], seconds: float) -> dict[str, object]:
-    rates: dict[str, list[tuple[float, float]]] = {"strict": [], "stock": []}
+    rates: dict[str, list[tuple[float, float]]] = {"strict": [], "stock": [], "raw": []}
     for _ in range(TURNS):
-        for name, reader in (("strict", _strict), ("stock", _stock)):
+        for name, reader in (("strict", _strict), ("stock", _stock), ("raw", _raw)):
             with reader(*place) as ask:
-                rates[name].append(_rate(ask, seconds / (2 * TURNS)))
+                rates[name].append(_rate(ask, seconds / (3 * TURNS)))
     result: dict[str, object] = {}
     for at, what in ((0, "per_s"), (1, "per_cpu_s")):
-        result[what] = compared(*([each[at] for each in rates[name]] for name in rates))
+        ours, stock, raw = ([each[at] for each in rates[name]] for name in rates)
+        # what two calls of the system cost, without any Modbus, bounds them all
+        result[what] = {"stock": compared(ours, stock), "raw": compared(ours, raw)}
     return result
 
 
@@ -381,6 +384,15 @@ def _stock(port: int, start: int, count: int) -> Iterator[Callable[[], object]]:
     client.connect()
     yield lambda: client.read_holding_registers(start, count=count).registers
     client.close()
+
+
+@contextmanager
+def _raw(port: int, start: int, count: int) -> Iterator[Callable[[], object]]:
+    """Send the same bytes and take whatever comes."""
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        request = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, start, count)
+        yield lambda: (connection.sendall(request), connection.recv(4096))
 
 
 def main() -> int:

@@ -22,10 +22,11 @@ from hdbench.diagnosis.discovery.term import (
     ABOVE_NOISE,
     Term,
     moved_term,
+    same_torque,
     smooth_shapes,
     term_columns,
 )
-from hdbench.model import first_order, shape_bounds
+from hdbench.model import Cause, catalogue, first_order, shape_bounds
 from hdbench.records.trace import FloatArray
 
 # scales of a form error relative to its part, equally likely; zero is one of them
@@ -117,11 +118,40 @@ def _directions(
             if power > 0.0:
                 other = other @ np.linalg.lstsq(other, torque, rcond=None)[0]
                 out.append((other - torque) / SCALES[-1])
-    kept = [np.clip(c, -30.0 * size, 30.0 * size) for c in out if np.any(c)]
-    if not kept:
-        return np.zeros((len(torque), 0))
-    directions = np.column_stack(kept)
-    return directions if line else _beyond_plain(record, directions)
+    out = [np.clip(c, -30.0 * size, 30.0 * size) for c in out if np.any(c)]
+    if out and not line:
+        out = [*_beyond_plain(record, np.column_stack(out)).T]
+    if term is not None:
+        out += _other_forms(record, torque, term)
+    return np.column_stack(out) if out else np.zeros((len(torque), 0))
+
+
+def _other_forms(record: Record, torque: FloatArray, term: Term) -> list[FloatArray]:
+    """Return what leads to other forms of a term's torque, of which a fit has only one."""
+    out = []
+    for cause in catalogue().values():
+        if cause.name == term.name or not same_torque(cause, term.cause):
+            continue
+        if cause.applicable(record.motion) is not None:
+            continue
+        for shape in _typical_shapes(cause, record):
+            columns = term_columns(Term(cause, shape), record)
+            if np.any(columns):
+                other = columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
+                out.append((other - torque) / SCALES[-1])
+    return out
+
+
+def _typical_shapes(cause: Cause, record: Record) -> list[dict[str, float]]:
+    """Return shapes at both ends and in the middle of the first one's domain."""
+    if not cause.shape:
+        return [{}]
+    rest = {p.name: p.default for p in cause.shape[1:] if p.default is not None}
+    (low, high), *_ = shape_bounds(cause, record.motion)[cause.shape[0].name]
+    return [
+        {cause.shape[0].name: float(low * (high / low) ** share), **rest}
+        for share in (0.0, 0.5, 1.0)
+    ]
 
 
 def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:

@@ -7,14 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdbench.diagnosis.discovery.dictionary import Look
-from hdbench.diagnosis.discovery.fit import Beside
+from hdbench.diagnosis.discovery.fit import Beside, Fit
 from hdbench.diagnosis.discovery.form import STRONG
 from hdbench.diagnosis.discovery.lines import scan_looks
 from hdbench.diagnosis.discovery.loudness import loudness_of
-from hdbench.diagnosis.discovery.refine import Candidate, candidate_of, refined, weighed
-from hdbench.diagnosis.discovery.search import Search, all_possible, settled, value_of
+from hdbench.diagnosis.discovery.refine import (
+    Candidate,
+    candidate_of,
+    of_right_size,
+    refined,
+    weighed,
+)
+from hdbench.diagnosis.discovery.search import Search, all_possible, on_simulated, settled, value_of
 from hdbench.diagnosis.discovery.tables import is_table
-from hdbench.diagnosis.discovery.term import is_line, same_torque
+from hdbench.diagnosis.discovery.term import is_line, is_whole_share, same_torque
 from hdbench.diagnosis.evidence import RIVAL_NATS, SAME_SPACE
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
@@ -23,6 +29,10 @@ from hdbench.records.trace import FloatArray
 _NAMES = 7
 # names that are fitted with their form errors against a strong cause
 _FITTED = 3
+# sweeps in which a better name may take a place
+_SWEEPS = 2
+# another name for an effect explains more of it than not; the rest of the table are other effects
+_SAME_EFFECT = 0.5
 # a look this far behind cannot become a rival by a better shape
 _BEHIND_NATS = 12.0
 
@@ -48,30 +58,40 @@ class Named:
 
 
 def name_causes(search: Search) -> dict[int, Named]:
-    """Name every cause of a fit against all others; a better name takes its place."""
+    """Name every cause against all others; where a better name takes a place the search goes on."""
+    for _ in range(_SWEEPS):
+        tables, swapped = _swept(search)
+        if not swapped:
+            break
+        search.reshape_all()
+        search.prune(most=0)
+        search.go_on()
+    if swapped or any(table[0].evidence_nats < 0.0 for table in tables.values()):
+        search.prune(most=0)
+        tables = {part: _table(search, part) for part in search.fit.causes()}
+    return {part: _named(search.fit.beside(part), table) for part, table in tables.items()}
+
+
+def _swept(search: Search) -> tuple[dict[int, list[Candidate]], bool]:
+    """Return the table of each cause, and whether a better name took the place of one."""
     fit = search.fit
-    named, renamed = {}, False
+    tables, swapped = {}, False
     for held in [fit.parts[part] for part in fit.causes()]:
         part = next(place for place, other in enumerate(fit.parts) if other is held)
-        table = _table(search, part)
+        table = tables[part] = _table(search, part)
         own = table[0]
         names = [c for c in table[1:] if not is_table(c.term.cause)]
         better = max(names, key=lambda c: c.evidence_nats, default=own)
         # a line was found before its harmonics were looked at: the likelier name is its first
         lines = is_line(own.term.cause) and is_line(better.term.cause)
-        if better.evidence_nats > own.evidence_nats + (0.0 if lines else RIVAL_NATS):
+        if better.evidence_nats > max(own.evidence_nats + (0.0 if lines else RIVAL_NATS), 0.0):
             search.log.append(
                 f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
                 f"{better.evidence_nats:.1f}"
             )
             search.replace_term(part, better)
-            renamed = True
-        elif not renamed:
-            named[part] = _named(fit.beside(part), table)
-    if renamed:
-        search.prune(most=0)
-        named = {part: _named(fit.beside(part), _table(search, part)) for part in fit.causes()}
-    return named
+            swapped = True
+    return tables, swapped
 
 
 def _table(search: Search, part: int) -> list[Candidate]:
@@ -80,8 +100,11 @@ def _table(search: Search, part: int) -> list[Candidate]:
     term = fit.term(part)
     beside = search.beside_names(part)
     base = settled(beside, fit)
-    own = candidate_of(beside, fit.record, term, fit.parts[part].trials, 0.0)
-    own = weighed(beside, fit.record, own, fit.shapes, base)
+    # what acts on the whole signal does so before the cause, not after it
+    view = on_simulated(fit.without_view(part))
+    record = view.record
+    own = candidate_of(beside, record, term, fit.parts[part].trials, 0.0)
+    own = weighed(beside, record, own, fit.shapes, base)
     if is_table(term.cause):
         return [own]
     looks = _looks(search, beside, part)
@@ -89,13 +112,16 @@ def _table(search: Search, part: int) -> list[Candidate]:
     table = [own]
     for look in looks:
         # a look at a strong line is less than the line: it is formed first
-        start = candidate_of(beside, fit.record, look.term, look.trials, 1.0)
+        start = candidate_of(beside, record, look.term, look.trials, 1.0)
+        if is_whole_share(look.term.cause):
+            start = of_right_size(beside, record, start)
         if 0.5 * start.statistic < best - _BEHIND_NATS - 0.15 * best:
             continue
-        shaped = refined(beside, fit.record, start)
-        table.append(weighed(beside, fit.record, shaped, fit.shapes, base))
+        shaped = refined(beside, record, start)
+        if _share_of(beside, own, shaped) > _SAME_EFFECT:
+            table.append(weighed(beside, record, shaped, fit.shapes, base))
     strong = own.gain_nats * own.loud > 0.5 * STRONG
-    return _alike(_with_forms(search, part, table) if strong else table)
+    return _alike(_with_forms(search, view, beside, table) if strong else table)
 
 
 def _alike(table: list[Candidate]) -> list[Candidate]:
@@ -107,9 +133,10 @@ def _alike(table: list[Candidate]) -> list[Candidate]:
     ]
 
 
-def _with_forms(search: Search, part: int, table: list[Candidate]) -> list[Candidate]:
+def _with_forms(
+    search: Search, view: Fit, beside: Beside, table: list[Candidate]
+) -> list[Candidate]:
     """Return a table with the evidence that the likeliest names have with their form errors."""
-    view = search.fit.without_view(part)
     base = value_of(view)
     ranked = sorted(table[1:], key=lambda c: -c.evidence_nats)
     out = []
@@ -122,7 +149,6 @@ def _with_forms(search: Search, part: int, table: list[Candidate]) -> list[Candi
         cost = found.gain_nats - found.evidence_nats
         moved = found
         if found is not table[0] and term != found.term:
-            beside = search.fit.beside(part)
             moved = candidate_of(beside, view.record, term, found.trials, found.false_alarm)
         out.append(
             replace(moved, gain_nats=gain / loud, evidence_nats=gain / loud - cost, loud=loud)
@@ -185,6 +211,16 @@ def _same_space(beside: Beside, one: Candidate, other: Candidate) -> bool:
         return False
     cosines = np.linalg.svd(la @ c @ lb.T, compute_uv=False)
     return float(1.0 - cosines.min() ** 2) < SAME_SPACE
+
+
+def _share_of(beside: Beside, one: Candidate, other: Candidate) -> float:
+    """Return the share of what one effect explains that another could explain."""
+    matrix, against = beside.project(np.concatenate([one.rows, other.rows]))
+    k = len(one.rows)
+    size = np.linalg.lstsq(matrix[:k, :k], against[:k], rcond=1e-9)[0]
+    root = _inverse_root(matrix[k:, k:])
+    both = root @ matrix[k:, :k] @ size
+    return float(both @ both / max(size @ matrix[:k, :k] @ size, 1e-300))
 
 
 def _inverse_root(matrix: FloatArray) -> FloatArray:

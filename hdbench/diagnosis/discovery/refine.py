@@ -32,8 +32,9 @@ from hdbench.records.trace import FloatArray
 
 # rounds of Gauss-Newton, steps back in each, and the gain that ends them: a hundredth of a nat
 _ROUNDS, _SHORTER, _SETTLED = 6, 3, 0.02
-# multiples of a shape that are tried where it alone gives the size of the effect
-_MULTIPLES = (0.3, 0.55, 1.8, 3.2, 5.6)
+# relative width to which a shape is found that alone gives the size of the effect: Gauss-Newton
+# goes on from there
+_SIZED = 0.05
 # impacts and poles have a harmonic of at least this share of the first
 _HARMONIC_SHARE = 0.2
 # amplitudes of a weak effect are expected within seven standard deviations: e^4 = 7.4^2
@@ -193,7 +194,7 @@ def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROU
     if not names or whole:
         return best
     if is_whole_share(best.term.cause) and best.statistic <= 0.0:
-        best = _of_right_size(beside, record, best)
+        best = of_right_size(beside, record, best)
     for _ in range(rounds):
         slopes = tangent_columns(best.term, best.linear, record)
         rows, scale = scaled_rows(beside.bands, slopes)
@@ -216,18 +217,24 @@ def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROU
     return best
 
 
-def _of_right_size(beside: Beside, record: Record, start: Candidate) -> Candidate:
-    """Return a candidate whose shape alone gives its size, at the best multiple of its shape."""
+def of_right_size(beside: Beside, record: Record, start: Candidate) -> Candidate:
+    """Return a candidate whose shape alone gives its size, at the best value of that shape."""
+    from scipy.optimize import minimize_scalar
+
     term, name = start.term, smooth_shapes(start.term)[0]
-    bounds = shape_bounds(term.cause, record.motion)[name]
-    values = [m * term.shape[name] for m in _MULTIPLES]
-    moved = [
-        replace(term, shape={**term.shape, name: value})
-        for value in values
-        if any(low <= value <= high for low, high in bounds)
-    ]
-    tried = [candidate_of(beside, record, t, start.trials, start.false_alarm) for t in moved]
-    return max((start, *tried), key=lambda c: c.statistic)
+    low, high = shape_bounds(term.cause, record.motion)[name][0]
+
+    def at(logarithm: float) -> Candidate:
+        moved = replace(term, shape={**term.shape, name: float(np.exp(logarithm))})
+        return candidate_of(beside, record, moved, start.trials, start.false_alarm)
+
+    best = minimize_scalar(
+        lambda x: -at(x).statistic,
+        bounds=(np.log(low), np.log(high)),
+        method="bounded",
+        options={"xatol": _SIZED},
+    )
+    return max((start, at(float(best.x))), key=lambda c: c.statistic)
 
 
 def _along(

@@ -84,8 +84,8 @@ SECOND_PRICE = 4.0
 _FORM_MOVES = 12
 # entries of a round that are fitted with their form errors
 _JOINED = 3
-# rounds, at most, in which the torque of an error of the angle follows it
-_STRAIGHTENED = 12
+# rounds, at most, in which what acts on the whole signal follows it
+_RENEWED = 12
 # way of the motor over which a slope is formed where the angle has no error
 _LEAST_WAY_RAD = 1e-5
 # a cause that has less evidence than this beside the others is dropped
@@ -474,6 +474,7 @@ class Search:
         new.false_alarm, new.trials, new.cost_nats = old.false_alarm, better.trials, old.cost_nats
         fit.settle(3)
         attach_forms(fit)
+        self.renew()
 
     def explained(self, before: float) -> float:
         """Return the share of the baseline's residual power that was explained since `before`."""
@@ -494,18 +495,16 @@ class Search:
                 fit.reshape(part, moved.term)
                 fit.settle(1)
 
-    def straighten(self) -> None:
-        """Let an error of the recorded angle act in full: its torque is no line in a large one."""
+    def renew(self) -> None:
+        """Let what acts on the whole signal act on the signal as it is fitted now."""
         fit = self.fit
-        for _ in range(_STRAIGHTENED):
-            found = [p for p in fit.causes() if fit.parts[p].name == TRANSMISSION_ERROR]
-            if not found:
-                return
-            motion = replace(fit.record.motion, ripple_slope_nm_per_rad=slope_nm_per_rad(fit))
-            fit.record = replace(fit.record, motion=motion)
+        for _ in range(_RENEWED):
+            on_simulated(fit)
             before = fit.likelihood
-            fit.reshape(found[0], fit.term(found[0]))
-            fit.settle(1)
+            for part in fit.causes():
+                if fit.term(part).cause.whole_signal:
+                    fit.reshape(part, fit.term(part))
+                    fit.settle(1)
             if fit.likelihood < before + _LEAST_NATS:
                 return
 
@@ -614,6 +613,49 @@ class Search:
             self.dropped[name] = self.dropped.get(name, 0) + 1
         self.accept((replace(table, joined=new),))
         return True
+
+    def go_on(
+        self, report: Callable[[str, float], None] | None = None, plain: Sequence[Fit] = ()
+    ) -> Fit | None:
+        """Search until nothing passes; return a fit of `plain` that became as good, or None."""
+        small = 0
+        for count in range(_MOST_ROUNDS):
+            if report is not None:
+                report("searching", 0.35 + 0.5 * (1.0 - 0.8**count))
+            found = self.round()
+            form = best_form_move(self.fit)
+            most = max(self.most_nats, form.gain_nats if form else 0.0)
+            if self.accept_slow(most) or self.accept_delay(most):
+                continue
+            least = max(_turn(found), _LEAST_NATS)
+            if form is not None and form.gain_nats > least:
+                self._change_forms(form, least)
+            elif found:
+                before = self.fit.bands.power(self.fit.residual).sum()
+                self.accept(found)
+                small = small + 1 if self.explained(before) < self.least_share else 0
+                if small > _SMALL:
+                    self.drop_needless()
+                    break
+            elif not self.drop_needless() and not self.exchange_for_table():
+                break
+            self.reshape_all()
+            self.renew()
+            self.retime()
+            attach_forms(self.fit)
+            self.prune()
+            for one in plain:
+                if _as_good(one, self.fit):
+                    return one
+        return None
+
+    def _change_forms(self, form: FormMove | None, least: float) -> None:
+        """Take over changes of form errors as long as they gain more than the best candidate."""
+        for _ in range(_FORM_MOVES):
+            if form is None or form.gain_nats < least:
+                return
+            self.change_form(form)
+            form = best_form_move(self.fit)
 
     def beside_names(self, part: int) -> Beside:
         """Return the fit beside a part; beside a name, without tables, which could take it in."""
@@ -853,7 +895,7 @@ def _as_good(fit: Fit, other: Fit) -> bool:
     return value_of(fit) > value_of(other) - LOW_PASS_PRICE
 
 
-def _on_simulated(fit: Fit) -> Fit:
+def on_simulated(fit: Fit) -> Fit:
     """Return a fit whose record holds the torque that the fit simulates."""
     fit.record = with_simulated(fit.record, fitted_nm(fit, whole=False), slope_nm_per_rad(fit))
     return fit
@@ -874,8 +916,8 @@ def search_from(
     `plain` are the same fits with one torque channel each that has no low-pass. Where one becomes
     as good, that one is returned.
     """
-    record = _on_simulated(fit).record
-    plain = [_on_simulated(one) for one in plain]
+    record = on_simulated(fit).record
+    plain = [on_simulated(one) for one in plain]
     held = {term.name for term in known}
     usable = {
         name: cause
@@ -896,41 +938,4 @@ def search_from(
     state.first_power = float(fit.bands.power(fit.residual).sum())
     state.least_share = least_share
     state.first = {scan.domain: scan_power(fit, scan)[1] for scan in state.scans}
-    small = 0
-    for count in range(_MOST_ROUNDS):
-        report("searching", 0.35 + 0.5 * (1.0 - 0.8**count))
-        fit = state.fit
-        found = state.round()
-        form = best_form_move(fit)
-        most = max(state.most_nats, form.gain_nats if form else 0.0)
-        if state.accept_slow(most) or state.accept_delay(most):
-            continue
-        least = max(_turn(found), _LEAST_NATS)
-        if form is not None and form.gain_nats > least:
-            for _ in range(_FORM_MOVES):
-                state.change_form(form)
-                form = best_form_move(fit)
-                if form is None or form.gain_nats < least:
-                    break
-        elif found:
-            before = fit.bands.power(fit.residual).sum()
-            state.accept(found)
-            small = small + 1 if state.explained(before) < least_share else 0
-            if small > _SMALL:
-                state.drop_needless()
-                break
-        elif not state.drop_needless() and not state.exchange_for_table():
-            break
-        state.reshape_all()
-        state.straighten()
-        state.retime()
-        fit = state.fit
-        attach_forms(fit)
-        state.prune()
-        for one in plain:
-            if _as_good(one, fit):
-                return one
-    report("looking at what no name explains", 0.85)
-    if state.whole is None:
-        state.find_tables()
-    return state
+    return state.go_on(report, plain) or state

@@ -81,7 +81,7 @@ def follows_motion(cause: Cause) -> bool:
 
 def same_torque(one: Cause, other: Cause) -> bool:
     """Return whether two causes have one name, or are two forms of one torque."""
-    return one.name in (other.name, other.form_of) or one.form_of == other.name
+    return (one.form_of or one.name) == (other.form_of or other.name)
 
 
 def is_whole_share(cause: Cause) -> bool:

@@ -347,6 +347,7 @@ def tell_together(
     """Return what a search of several records found as the answer says it."""
     named = name_causes(search)
     fit = search.fit
+    search.find_tables()
     held = hold_out(fit)
     everything = set(range(len(fit.parts)))
     base = everything - set(fit.causes())

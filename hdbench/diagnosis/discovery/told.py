@@ -92,11 +92,9 @@ def tell(
     noise_variance: FloatArray | None = None,
 ) -> Told:
     """Return what a search found as the answer says it."""
-    found = [part.name for part in search.fit.parts]
     named, held = predicting(search, name_causes(search))
     fit = search.fit
-    if [part.name for part in fit.parts] != found:
-        search.find_tables()
+    search.find_tables()
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
     early = in_time(fit)
