@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from faults.lines import emulated
@@ -185,13 +186,17 @@ def host(
         [sys.executable, "-c", HOST, *words], stdout=subprocess.PIPE, start_new_session=True
     )
     assert process.stdout is not None
+    guard = 0
     try:
-        yield process, int(process.stdout.readline())
+        guard = int(process.stdout.readline())
+        yield process, guard
     finally:
         process.kill()
         process.wait()
-        # its guard may have the other end for longer
         process.stdout.close()
+        # its guard goes on trying, on a terminal that the next test may be given, until it has its
+        # proof: the device must be there that long
+        until(lambda: not Path(f"/proc/{guard}").exists(), 5.0)
 
 
 Handler = Callable[[socket.socket, bytes], None]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import fcntl
 import heapq
 import itertools
 import os
@@ -274,8 +275,10 @@ def faulty_serial(path: str, mangler: Mangler) -> Iterator[str]:
 
 
 def open_terminal(path: str) -> int:
-    """Open a pseudo-terminal by its path, so that it passes every character as it is."""
+    """Open a pseudo-terminal, for this process alone; it passes every character as it is."""
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    # a guard that still looks for a device that has ended leaves it in peace then
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
     tty.setraw(descriptor)
     return descriptor
 

@@ -108,6 +108,7 @@ def main() -> int:
         address = json.loads(process.stdout.readline())["address"]
         with tempfile.TemporaryDirectory(prefix="hdbench-soak-") as temporary:
             folder = asked.keep or Path(temporary)
+            folder.mkdir(parents=True, exist_ok=True)
             start_s = time.monotonic()
             recorder, memory = record(address, folder / "journal.hdj", n_samples)
             recorded_s = time.monotonic() - start_s
