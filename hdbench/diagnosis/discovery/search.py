@@ -28,7 +28,7 @@ from hdbench.diagnosis.discovery.lines import (
     step_look,
 )
 from hdbench.diagnosis.discovery.loudness import loudness_beside, loudness_of
-from hdbench.diagnosis.discovery.moments import Moments, solve, solve_best
+from hdbench.diagnosis.discovery.moments import Moments, inverse, solve, solve_best
 from hdbench.diagnosis.discovery.record import SAMPLED, Record, with_simulated
 from hdbench.diagnosis.discovery.refine import (
     Candidate,
@@ -514,7 +514,8 @@ class Search:
         while len(fit.causes()) > most:
             worst, least = None, needed
             for part in fit.causes():
-                value = -np.inf if self._merged(part) else self.evidence_of(part)
+                gone = self._merged(part) or not is_possible(fit, part)
+                value = -np.inf if gone else self.evidence_of(part)
                 if value < least:
                     worst, least = part, value
             if worst is None:
@@ -692,6 +693,16 @@ def all_possible(fit: Fit, last: int) -> bool:
     return all(
         candidate_of(fit.beside(part), fit.record, fit.term(part), 1.0, 1.0).statistic > 0.0
         for part in places
+    )
+
+
+def is_possible(fit: Fit, part: int) -> bool:
+    """Return whether the size that a cause has beside all others can be, within its uncertainty."""
+    flat = fit.flat(part)
+    slack = 2.0 * np.sqrt(np.diag(inverse(fit.information))[flat]) / fit.parts[part].scale
+    return all(
+        p.lower - s <= value <= p.upper + s
+        for p, value, s in zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
     )
 
 

@@ -218,6 +218,9 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
     slow = slice(0, max(4, int(np.argmin(np.abs(f - 30.0 * f[0])))))
     walk = np.maximum(power - fast, 0.0)[slow]
     steps = 2.0 * np.pi * f[slow] * np.sqrt(walk * fit.record.period_s)
+    if not np.median(steps) > 0.0:
+        # slow noise that stands in few lines is no walk
+        return None
     intensity = float(np.clip(np.median(steps), 1e-6, 100.0))
     std = intensity / float(np.sqrt(2.0 * max(float(fit.bands.counts[slow].sum()), 1.0)))
     share = float(np.sum(np.diff(fit.bands.edges) * np.maximum(power - fast, 0.0)))
