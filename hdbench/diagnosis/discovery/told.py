@@ -136,7 +136,22 @@ def tell(
             terms.append(special[1])
     places += table_places(search, variance)
     places += rest_places(search, variance, noise_variance)
-    return Told(fit, causes, places, before, after, terms)
+    return Told(fit, causes, distinct(places), before, after, terms)
+
+
+def distinct(places: list[Unexplained]) -> list[Unexplained]:
+    """Return places without those that a larger one on the same axes overlaps."""
+    kept: list[Unexplained] = []
+    for place in sorted(places, key=lambda one: -one.size_nm):
+        axes, (low, high) = (place.domain, place.second_domain), place.extent
+        if not any(
+            (other.domain, other.second_domain) == axes
+            and low <= other.extent[1]
+            and other.extent[0] <= high
+            for other in kept
+        ):
+            kept.append(place)
+    return kept
 
 
 def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Named], HeldOut]:
