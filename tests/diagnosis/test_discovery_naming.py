@@ -10,9 +10,11 @@ from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.form import joined
 from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
 from hdbench.diagnosis.discovery.naming import _named, _same_space
-from hdbench.diagnosis.discovery.search import Search
+from hdbench.diagnosis.discovery.search import Search, impossible_parts
 from hdbench.diagnosis.discovery.term import Term
+from hdbench.diagnosis.discovery.told import distinct
 from hdbench.model import catalogue
+from hdbench.results.diagnosis import Unexplained
 
 
 @pytest.fixture(scope="module", name="beside")
@@ -148,3 +150,34 @@ def test_a_cause_takes_the_place_of_those_that_it_makes_needless_alone(viscous, 
     saved = state._relieved(new, 1)
     assert names(new) == (*left, "stribeck-friction")
     assert saved == 6.0 * (2 - len(left))
+
+
+# no friction at all is possible, and so is one that is negative within its uncertainty
+@pytest.mark.parametrize(("size_nm", "possible"), [(0.3, True), (0.0, True), (-0.3, False)])
+def test_a_friction_that_gives_energy_is_not_possible(size_nm, possible):
+    fit = fitted(swinging(4000, lambda t, a, w: size_nm * np.tanh(w / 2.0), mean=0.0))
+    friction = Term(catalogue()["coulomb-friction"], {"transition_rad_s": 2.0})
+    part = fit.add_term(friction)
+    fit.settle(3)
+    assert impossible_parts(fit) == (set() if possible else {part})
+
+
+def test_of_places_that_overlap_on_the_same_axes_the_largest_is_told():
+    def place(size_nm, extent, axes=("velocity", None), unit="rad/s"):
+        return Unexplained(
+            domain=axes[0],
+            second_domain=axes[1],
+            location=0.5 * sum(extent),
+            extent=extent,
+            unit=unit,
+            size_nm=size_nm,
+            share_of_variance=0.1,
+        )
+
+    small, large = place(0.1, (-20.0, 5.0)), place(0.3, (0.0, 20.0))
+    others = [
+        place(0.2, (30.0, 40.0)),
+        place(0.05, (0.0, 20.0), ("velocity", "torque")),
+        place(0.04, (0.0, 20.0), ("torque", None), "N m"),
+    ]
+    assert distinct([small, *others, large]) == [large, *others]

@@ -223,6 +223,7 @@ class ModbusDevice(Device):
         self.unit = self.table.unit
         self.memory = Memory(self.table.max_read_registers, lenient=self.table.bridge_registers > 0)
         self._refreshed_s = -1.0
+        self._asked = False
         self._seen: dict[str, float] = {}
         self._driving: Driving | None = None
         self._build()
@@ -240,7 +241,8 @@ class ModbusDevice(Device):
         return True
 
     def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
-        """Return registers or bits."""
+        """Return registers or bits; all channels of one request are of one moment."""
+        self._asked = True
         return self.memory.read(space, address, count)
 
     def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
@@ -305,7 +307,10 @@ class ModbusDevice(Device):
         return float(word)
 
     def _refresh(self) -> None:
-        """Take a new reading, no more often than the device renews its values."""
+        """Take a new reading once a request, no more often than the device renews its values."""
+        if not self._asked:
+            return
+        self._asked = False
         now_s, rate = self.clock(), self.table.refresh_hz
         if rate is not None and self._seen and now_s - self._refreshed_s < 1.0 / rate:
             return

@@ -90,6 +90,8 @@ _RENEWED = 12
 _LEAST_WAY_RAD = 1e-5
 # a cause that has less evidence than this beside the others is dropped
 _LEAST_NATS = 1.0
+# a size that is so many standard deviations outside its limits is none that a cause can have: 95 %
+_POSSIBLE_STDS = 2.0
 
 
 @dataclass(slots=True)
@@ -513,8 +515,9 @@ class Search:
         fit = self.fit
         while len(fit.causes()) > most:
             worst, least = None, needed
+            impossible = impossible_parts(fit)
             for part in fit.causes():
-                gone = self._merged(part) or not is_possible(fit, part)
+                gone = part in impossible or self._merged(part)
                 value = -np.inf if gone else self.evidence_of(part)
                 if value < least:
                     worst, least = part, value
@@ -696,14 +699,16 @@ def all_possible(fit: Fit, last: int) -> bool:
     )
 
 
-def is_possible(fit: Fit, part: int) -> bool:
-    """Return whether the size that a cause has beside all others can be, within its uncertainty."""
-    flat = fit.flat(part)
-    slack = 2.0 * np.sqrt(np.diag(inverse(fit.information))[flat]) / fit.parts[part].scale
-    return all(
-        p.lower - s <= value <= p.upper + s
-        for p, value, s in zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
-    )
+def impossible_parts(fit: Fit) -> set[int]:
+    """Return the causes whose size beside all others is none that they can have."""
+    std = np.sqrt(np.diag(inverse(fit.information)))
+    found = set()
+    for part in fit.causes():
+        slack = _POSSIBLE_STDS * std[fit.flat(part)] / fit.parts[part].scale
+        limits = zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
+        if not all(p.lower - s <= value <= p.upper + s for p, value, s in limits):
+            found.add(part)
+    return found
 
 
 def _needed(entry: tuple[Candidate, ...]) -> float:

@@ -134,9 +134,10 @@ def tell(
         if special is not None:
             causes.append(special[0])
             terms.append(special[1])
-    places += table_places(search, variance)
+    # bursts and humps are told beside a table of the same axis: neither holds the other's torque
+    places = distinct(places + table_places(search, variance))
     places += rest_places(search, variance, noise_variance)
-    return Told(fit, causes, distinct(places), before, after, terms)
+    return Told(fit, causes, places, before, after, terms)
 
 
 def distinct(places: list[Unexplained]) -> list[Unexplained]:
@@ -232,11 +233,11 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
     f = fit.bands.frequency_hz
     slow = slice(0, max(4, int(np.argmin(np.abs(f - 30.0 * f[0])))))
     walk = np.maximum(power - fast, 0.0)[slow]
-    steps = 2.0 * np.pi * f[slow] * np.sqrt(walk * fit.record.period_s)
-    if not np.median(steps) > 0.0:
+    step = float(np.median(2.0 * np.pi * f[slow] * np.sqrt(walk * fit.record.period_s)))
+    if not step > 0.0:
         # slow noise that stands in few lines is no walk
         return None
-    intensity = float(np.clip(np.median(steps), 1e-6, 100.0))
+    intensity = min(max(step, 1e-6), 100.0)
     std = intensity / float(np.sqrt(2.0 * max(float(fit.bands.counts[slow].sum()), 1.0)))
     share = float(np.sum(np.diff(fit.bands.edges) * np.maximum(power - fast, 0.0)))
     share = min(1.0, share / fit.bands.length / variance)

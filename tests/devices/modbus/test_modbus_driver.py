@@ -1,7 +1,9 @@
 """The driver on an emulated device: who answers, what is written, what is read, what stops."""
 
+import struct
 import time
 
+import numpy as np
 import pytest
 from faults.lines import faulty_serial, faulty_tcp
 from faults.mangler import Mangler, RtuFraming, TcpFraming
@@ -10,6 +12,8 @@ from pymodbus.client import ModbusTcpClient
 from served import swap_words
 from stopwatch import Stopwatch
 
+from hdbench.devices.emulator.instrument import ElectricalSamples
+from hdbench.devices.emulator.modbus import ModbusDevice
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError, UsageError
 
@@ -48,6 +52,26 @@ def test_another_client_reads_what_the_map_says():
         assert (word - 65536 * (word > 32767)) * 0.0005 == pytest.approx(true, abs=0.08)
         assert client.read_holding_registers(11, count=1).exception_code == 2
         client.close()
+
+
+def test_the_channels_of_one_request_are_of_one_moment():
+    encoder = {"role": "encoder", "address": 12, "type": "i32"}
+    made = table(channels=(TORQUE, encoder))
+
+    class Clockwork:
+        """Gives the number of its readings, for a count as for a voltage."""
+
+        count = 0
+
+        def look(self):
+            self.count += 1
+            volts = {name: np.array([self.count]) for name in ("torque", "tacho", "current")}
+            return ElectricalSamples(0, volts, np.array([self.count]))
+
+    device = ModbusDevice(Clockwork(), made, amperes_per_v=1.0)
+    for moment in (1, 2):
+        torque_v, count = struct.unpack(">fi", device.read("holding", 10, 4, 0))
+        assert torque_v == count == moment
 
 
 def test_swapped_words_are_named():
