@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +47,9 @@ class LowPass:
 
         return np.asarray(butter(self.order, self.corner, output="sos"))
 
-    def gain(self, place: FloatArray) -> NDArray[np.complex128]:
-        """Return the gain at frequencies relative to the Nyquist frequency."""
-        from scipy.signal import sosfreqz
-
-        once = np.asarray(sosfreqz(self.sections(), np.pi * place)[1])
-        return once if self.causal else np.abs(once) ** 2 + 0j
+    def gain(self, count: int, whole: int) -> NDArray[np.complex128]:
+        """Return the gain at the first frequencies, of which `whole` reach up to Nyquist's."""
+        return _gain(self, count, whole)
 
     def applied(self, values: FloatArray) -> FloatArray:
         """Return what the filter makes of `values`; one with a delay begins at rest; NaN stays."""
@@ -81,8 +79,17 @@ class LowPass:
     ) -> FloatArray:
         # mirrored, so that both ends meet
         lines = np.fft.rfft(np.concatenate([held, held[::-1]]))
-        lines *= shape(self.gain(np.arange(len(lines)) / (len(lines) - 1.0)))
+        lines *= shape(self.gain(len(lines), len(lines) - 1))
         return np.fft.irfft(lines, 2 * len(held))[: len(held)]
+
+
+# many columns of one record go through the same filter
+@lru_cache(maxsize=4)
+def _gain(low_pass: LowPass, count: int, whole: int) -> NDArray[np.complex128]:
+    from scipy.signal import sosfreqz
+
+    once = np.asarray(sosfreqz(low_pass.sections(), np.pi * (np.arange(count) / whole))[1])
+    return once if low_pass.causal else np.abs(once) ** 2 + 0j
 
 
 def shifted(values: FloatArray, samples: float) -> FloatArray:
@@ -201,7 +208,7 @@ class Bands:
         if low_pass.causal:
             first = rows[:, :1]
             return np.asarray(first + sosfilt(low_pass.sections(), rows - first, axis=1))
-        gain = np.abs(low_pass.gain(np.arange(n) / n))
+        gain = np.abs(low_pass.gain(n, n))
         lines = dct(rows, norm="ortho", axis=1) * gain
         return np.asarray(idct(lines, norm="ortho", axis=1, overwrite_x=True))
 
@@ -227,7 +234,7 @@ class Bands:
             return self
         return replace(
             self,
-            passed=np.abs(low_pass.gain(np.arange(self.size) / self.length)),
+            passed=np.abs(low_pass.gain(self.size, self.length)),
             low_pass=low_pass,
         )
 
