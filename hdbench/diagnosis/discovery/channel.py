@@ -10,6 +10,7 @@ import numpy as np
 
 from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
 from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
+from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.record import Record, smoothed
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.evidence import chi2_tail
@@ -37,7 +38,7 @@ _HIGHEST, _TUNED = 0.95, 2
 _KINDS = ((2, False), (2, True), (4, False))
 # dry friction turns over within a hundredth of the largest speed
 _SHARP = 100.0
-# a low-pass is one of up to 42 that are tried, and is seldom: 25 to 1
+# a low-pass is one of up to 42 that might be, and is seldom: 25 to 1
 LOW_PASS_PRICE = 7.0
 # name of a delay in the catalogue
 DELAY = "time-skew"
@@ -96,23 +97,30 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
     share = min(1.0, record.period_s / ACCELERATION_WINDOW_S)
     slow = np.column_stack([smoothed(slow, share), acceleration])
 
-    def fitted(low_pass: LowPass | None) -> Fit:
-        fit = Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, ())
-        fit.add(SLOW, None, slow)
-        fit.settle(5)
-        return fit
+    plain = Fit.begun(record.behind(None), bands, floor, ())
+    plain.add(SLOW, None, slow)
+    plain.settle(5)
 
     @cache
-    def value(low_pass: LowPass) -> float:
-        return fitted(low_pass).likelihood - LOW_PASS_PRICE
+    def value(low_pass: LowPass | None) -> float:
+        filtered = bands.low_passed(low_pass)
+        fit = Fit.laid_out(record.behind(low_pass), filtered, floor, plain.spectrum)
+        fit.add(SLOW, None, slow)
+        # the second time from its own noise, so that the first one does not count
+        for rounds in (3, 1):
+            fit.take(solve(fit.moments(), fit.shapes, fit.spectrum, rounds=rounds))
+        return fit.likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
 
-    plain = fitted(None)
     loads = (False, True) if record.load != 0.0 else (False,)
-    tried = [LowPass(c, *kind, load) for kind in _KINDS for load in loads for c in corners]
+    plainest = [LowPass(corner, *_KINDS[0]) for corner in corners]
+    at = max(range(len(corners)), key=lambda place: value(plainest[place]))
+    # the other kinds have their best corner near that of the plainest
+    near = corners[max(at - 1, 0) : at + 2]
+    tried = [LowPass(corner, *kind, load) for kind in _KINDS for load in loads for corner in near]
     ranked = sorted(tried, key=value, reverse=True)
     step = float(corners[1] / corners[0])
     best = max((_tuned(one, value, step) for one in _unlike(ranked)[:_TUNED]), key=value)
-    none = plain.likelihood
+    none = value(None)
     if best.causal:
         # a filter that runs once delays the torque, which a later reading does too
         none += max(best_delay(plain).evidence_nats, 0.0)

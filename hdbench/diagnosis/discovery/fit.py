@@ -200,38 +200,55 @@ class Fit:
     @classmethod
     def begun(cls, record: Record, bands: Bands, floor: float, known: Iterable[Term]) -> Fit:
         """Return the fit of baseline and known causes in these bands."""
-        measured = response_of(record, bands)
-        power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
-        shapes = make_shapes(bands.frequency_hz, floor)
-        # the first weights fall with frequency: a strong effect must not hide behind itself
-        falling = np.maximum.accumulate(np.maximum(power, floor)[::-1])[::-1]
-        spectrum = shapes.fit(falling, bands.counts)
-        fixed = np.where(record.valid, record.fixed_nm, 0.0)
-        fixed = fixed - fixed[record.valid].mean()
-        moved = bands.power(bands.transform(fixed[:, None])[0])
-        fit = cls.empty(record, bands, shapes, measured, spectrum, moved)
-        stems = [name.rpartition(":")[0] or name for name in record.names]
-        for stem in dict.fromkeys(stems):
-            places = [i for i, s in enumerate(stems) if s == stem]
-            prior = record.prior_nm[places]
-            passed = scaled_rows(bands, record.columns[:, places])[0]
-            if float(np.sum(passed**2)) < PASSED * len(places) * len(record):
-                continue
-            fit.add(stem, None, record.columns[:, places], prior**2)
+        fit = cls.laid_out(record, bands, floor)
         for term in known:
             fit.add_term(term)
         fit.settle(4, anew=True)
         return fit
 
+    @classmethod
+    def laid_out(
+        cls, record: Record, bands: Bands, floor: float, start: Spectrum | None = None
+    ) -> Fit:
+        """Return the fit of the baseline before it is settled, in a noise if one is given."""
+        measured = response_of(record, bands)
+        power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
+        shapes = make_shapes(bands.frequency_hz, floor)
+        # the first weights fall with frequency: a strong effect must not hide behind itself
+        falling = np.maximum.accumulate(np.maximum(power, floor)[::-1])[::-1]
+        spectrum = start or shapes.fit(falling, bands.counts)
+        fixed = np.where(record.valid, record.fixed_nm, 0.0)
+        fixed = fixed - fixed[record.valid].mean()
+        moved = bands.power(bands.transform(fixed[:, None])[0])
+        fit = cls.empty(record, bands, shapes, measured, spectrum, moved)
+        rows, scale = scaled_rows(bands, record.columns)
+        passed = np.sum(rows**2, axis=1)
+        stems = [name.rpartition(":")[0] or name for name in record.names]
+        for stem in dict.fromkeys(stems):
+            places = [i for i, s in enumerate(stems) if s == stem]
+            if float(passed[places].sum()) < PASSED * len(places) * len(record):
+                continue
+            variance = record.prior_nm[places] ** 2
+            fit.add_rows(stem, None, rows[places], scale[places], variance)
+        return fit
+
     # --- rows
-    def add(
-        self, name: str, term: Term | None, columns: FloatArray, variance: FloatArray | None = None
-    ) -> int:
+    def add(self, name: str, term: Term | None, columns: FloatArray) -> int:
         """Add a part with its columns and return its index."""
         rows, scale = scaled_rows(self.bands, columns)
+        return self.add_rows(name, term, rows, scale, np.full(len(rows), np.inf))
+
+    def add_rows(
+        self,
+        name: str,
+        term: Term | None,
+        rows: FloatArray,
+        scale: FloatArray,
+        variance: FloatArray,
+    ) -> int:
+        """Add a part with its rows; `variance` is that of the prior, (N m)^2."""
         self.parts.append(Part(name, term, scale))
-        free = np.full(len(rows), np.inf) if variance is None else variance * scale**2
-        self._append(rows, len(self.parts) - 1, False, free)
+        self._append(rows, len(self.parts) - 1, False, variance * scale**2)
         return len(self.parts) - 1
 
     def add_term(self, term: Term) -> int:

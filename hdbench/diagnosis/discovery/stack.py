@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.bands import Bands
-from hdbench.diagnosis.discovery.fit import Fit, Part
+from hdbench.diagnosis.discovery.fit import Fit, Part, scaled_rows
 from hdbench.diagnosis.discovery.moments import inverse
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum
@@ -369,10 +369,12 @@ def stack_fits(fits: Sequence[Fit]) -> Fit:
     )
     fixed = np.concatenate([fit.fixed for fit in fits])
     stack = Fit.empty(record, bands, shapes, measured, spectrum, fixed)
+    rows, scale = scaled_rows(bands, record.columns)
     stems = [name.rpartition(":")[0] for name in names]
     for stem in dict.fromkeys(stems):
         places = [i for i, one in enumerate(stems) if one == stem]
-        stack.add(stem, None, record.columns[:, places], record.prior_nm[places] ** 2)
+        variance = record.prior_nm[places] ** 2
+        stack.add_rows(stem, None, rows[places], scale[places], variance)
     stack.settle(4)
     return stack
 
