@@ -23,7 +23,7 @@ def baseline():
 
 
 def candidate(name, rows, nats=0.0):
-    cause = SimpleNamespace(name="cause")
+    cause = SimpleNamespace(name="cause", shape=())
     return SimpleNamespace(
         name=name, rows=np.atleast_2d(rows), term=SimpleNamespace(cause=cause), evidence_nats=nats
     )

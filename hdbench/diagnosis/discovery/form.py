@@ -34,6 +34,8 @@ SCALES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
 # what a law of friction, load or time is expected to be off by: catalogues and papers differ so far
 # in how it turns over (atan or tanh: a tenth; exponents 1 or 2: some hundredths)
 USUAL = 0.03
+# mass times acceleration is exact, the acceleration is not: its filters differ by a hundredth
+_INERTIA = 0.01
 # what a scale costs: it is one of six
 _SCALE_PRICE = float(np.log(len(SCALES)))
 # a part below this many squared standard deviations has no form error that could be seen: the
@@ -108,7 +110,7 @@ def _directions(
         out.append(_DELAY_S / SCALES[-1] * rate)
         curve = np.gradient(rate, record.motion.time_s)
         out.append((_DELAY_S**2) / SCALES[-1] * curve)
-    if term is not None and term.cause.locked_to == "velocity":
+    if term is not None and term.cause.locked_to == "velocity" and not _per_speed(term):
         # until a way is gone after a reversal, friction is anything up to its size
         out += [(lagged - torque) / USUAL for lagged in _lagged(record, torque)]
     if term is not None and not line:
@@ -124,6 +126,11 @@ def _directions(
     if term is not None:
         out += _other_forms(record, torque, term)
     return np.column_stack(out) if out else np.zeros((len(torque), 0))
+
+
+def _per_speed(term: Term) -> bool:
+    """Return whether a torque is in proportion to the speed: at a reversal it is zero anyway."""
+    return term.cause.linear[0].unit == "N m s/rad"
 
 
 def _other_forms(record: Record, torque: FloatArray, term: Term) -> list[FloatArray]:
@@ -385,7 +392,7 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
     if parts is not None:
         held = [part for part in held if part in parts]
     moves = [{index: scale} for index in held for scale in _neighbours(present[index])]
-    lines = [i for i in held if usual_scale(fit.parts[i]) == 0.0 and fit.parts[i].name != FIXED]
+    lines = [i for i in held if usual_scale(fit.parts[i]) == 0.0]
     if len(lines) > 1:
         moves += [dict.fromkeys(lines, scale) for scale in SCALES[1:]]
     if not moves:
@@ -436,8 +443,9 @@ def _neighbours(scale: float) -> tuple[float, ...]:
 
 def usual_scale(part: Part) -> float:
     """Return the scale that a form error has beforehand: laws are never exact, lines often are."""
-    law = part.term is not None and part.term.cause.locked_to not in ("motor", "clock")
-    return USUAL if law else 0.0
+    if part.term is None:
+        return _INERTIA if part.name == FIXED else 0.0
+    return 0.0 if part.term.cause.locked_to in ("motor", "clock") else USUAL
 
 
 def form_cost(fit: Fit) -> float:
@@ -448,5 +456,5 @@ def form_cost(fit: Fit) -> float:
         if usual_scale(part) == 0.0:
             lines.add(part.form_scale)
         else:
-            laws += part.form_scale != USUAL
+            laws += part.form_scale != usual_scale(part)
     return _SCALE_PRICE * (laws + len(lines - {0.0}))

@@ -20,7 +20,7 @@ from hdbench.diagnosis.discovery.refine import (
 )
 from hdbench.diagnosis.discovery.search import Search, all_possible, on_simulated, settled, value_of
 from hdbench.diagnosis.discovery.tables import is_table
-from hdbench.diagnosis.discovery.term import is_line, is_whole_share, same_torque
+from hdbench.diagnosis.discovery.term import Term, is_line, is_whole_share, same_torque
 from hdbench.diagnosis.evidence import RIVAL_NATS, SAME_SPACE
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
@@ -188,7 +188,7 @@ def _named(beside: Beside, table: list[Candidate]) -> Named:
         if one.name != own.name and (held is None or one.evidence_nats > held.evidence_nats):
             best[one.name] = one
     others = [c for c in best.values() if np.isfinite(c.evidence_nats)]
-    group = tuple(c for c in others if _same_space(beside, own, c))
+    group = tuple(c for c in others if _is_limit(c, own.term) or _same_space(beside, own, c))
     names = {c.name for c in group}
     rivals = tuple(
         c
@@ -199,6 +199,12 @@ def _named(beside: Beside, table: list[Candidate]) -> Named:
     weights = np.exp(nats - nats.max())
     mine = weights[0] + sum(w for w, c in zip(weights[1:], others, strict=True) if c.name in names)
     return Named(own, group, rivals, float(mine / weights.sum()))
+
+
+def _is_limit(other: Candidate, term: Term) -> bool:
+    """Return whether a term is at the end of its domain, where it is the common form."""
+    at_end = any(term.shape[p.name] == p.lower for p in term.cause.shape)
+    return at_end and other.term.cause.common and other.name == term.cause.form_of
 
 
 def _same_space(beside: Beside, one: Candidate, other: Candidate) -> bool:

@@ -37,6 +37,8 @@ from hdbench.records.trace import FloatArray
 
 # ends of the catalogue's domains of the transition and of the Stribeck speed
 _SLOWEST_RAD_S, _FASTEST_RAD_S = 0.05, 80.0
+# friction has its whole sign before it falls: tanh 5 = 0.9999
+_WHOLE_SIGN = 5.0
 # samples slower than the Stribeck speed's domain that a record must have to show the effect
 _SLOW_SAMPLES = 20
 
@@ -47,8 +49,9 @@ def _direction(motion: Motion, shape: Shape) -> FloatArray:
 
 
 def _stribeck(motion: Motion, shape: Shape) -> FloatArray:
-    excess = np.exp(-((motion.velocity_rad_s / shape["stribeck_rad_s"]) ** 2))
-    return single(excess * _direction(motion, shape))
+    speed, fall = motion.velocity_rad_s, shape["stribeck_rad_s"]
+    turn = min(shape["transition_rad_s"], fall / _WHOLE_SIGN)
+    return single(np.exp(-((speed / fall) ** 2)) * np.tanh(speed / turn))
 
 
 def _asymmetric(motion: Motion, _: Shape) -> FloatArray:
