@@ -7,11 +7,11 @@ import pytest
 from discovery_records import NOISE_NM, fitted, swinging
 
 from hdbench.diagnosis.discovery.dictionary import Dictionary
-from hdbench.diagnosis.discovery.form import joined
+from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_rows, joined
 from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
-from hdbench.diagnosis.discovery.naming import _named, _same_space
+from hdbench.diagnosis.discovery.naming import _is_limit, _named, _same_space
 from hdbench.diagnosis.discovery.search import Search, impossible_parts
-from hdbench.diagnosis.discovery.term import Term
+from hdbench.diagnosis.discovery.term import Term, term_columns
 from hdbench.diagnosis.discovery.told import distinct
 from hdbench.model import catalogue
 from hdbench.results.diagnosis import Unexplained
@@ -181,3 +181,34 @@ def test_of_places_that_overlap_on_the_same_axes_the_largest_is_told():
         place(0.04, (0.0, 20.0), ("torque", None), "N m"),
     ]
     assert distinct([small, *others, large]) == [large, *others]
+
+
+@pytest.mark.parametrize(("name", "builds_up"), [("coulomb", True), ("viscous", False)])
+def test_dry_friction_may_build_up_after_a_reversal_and_viscous_friction_may_not(name, builds_up):
+    fit = fitted(swinging(8000, lambda t, a, w: 0.3 * np.tanh(w / 2.0) + 0.01 * w, mean=0.0))
+    shape = {"transition_rad_s": 2.0} if name == "coulomb" else {}
+    term = Term(catalogue()[f"{name}-friction"], shape)
+    part = fit.add_term(term)
+    fit.settle(3)
+    torque = term_columns(term, fit.record) @ fit.linear(part)
+    lag = np.column_stack(_lagged(fit.record, torque)) - torque[:, None]
+    rows, lag = form_rows(fit, part), fit.bands.transform(lag)
+    left = lag - np.linalg.lstsq(rows.T, lag.T, rcond=1e-9)[0].T @ rows
+    # of a tenth of a radian: the directions say all of it, or nothing
+    share = float(np.sum(left[1] ** 2) / np.sum(lag[1] ** 2))
+    assert share < 0.1 if builds_up else share > 0.9
+
+
+def test_the_inertia_has_its_form_error_before_any_cause_is_sought():
+    fit = fitted(swinging(4000))
+    attach_forms(fit)
+    assert [part.form_scale for part in fit.parts if part.name == FIXED] == [0.01]
+
+
+@pytest.mark.parametrize(("breakaway_rad", "same"), [(0.01, True), (0.02, False)])
+def test_a_way_at_the_end_of_its_domain_is_not_told_from_dry_friction(beside, breakaway_rad, same):
+    (row,) = own_rows(beside, 1)
+    causes = catalogue()
+    other = candidate("coulomb-friction", row)
+    other.term = Term(causes["coulomb-friction"], {"transition_rad_s": 2.0})
+    assert _is_limit(other, Term(causes["presliding"], {"breakaway_rad": breakaway_rad})) is same

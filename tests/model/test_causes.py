@@ -102,10 +102,9 @@ BY_HAND: dict[str, tuple[Shape, Callable[..., list[float]]]] = {
     "viscous-friction": ({}, lambda w, **_: [w]),
     "asymmetric-friction": ({}, lambda w, **_: [1 - 2 / (math.exp(4 * size(w)) + 1), size(w)]),
     "stribeck-friction": (
-        {"stribeck_rad_s": 15.0, "transition_rad_s": 1.5},
-        lambda w, s, **_: [
-            math.tanh(w / s["transition_rad_s"]) / math.exp((w / s["stribeck_rad_s"]) ** 2)
-        ],
+        # the sign is whole before the excess falls: it turns over within a fifth of 15 rad/s
+        {"stribeck_rad_s": 15.0, "transition_rad_s": 8.0},
+        lambda w, s, **_: [math.tanh(w / 3.0) / math.exp((w / s["stribeck_rad_s"]) ** 2)],
     ),
     "load-dependent-friction": (
         {"transition_rad_s": 3.0},
