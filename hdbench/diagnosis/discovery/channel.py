@@ -38,7 +38,7 @@ _HIGHEST, _TUNED = 0.95, 2
 _KINDS = ((2, False), (2, True), (4, False))
 # dry friction turns over within a hundredth of the largest speed
 _SHARP = 100.0
-# a low-pass is one of up to 42 that might be, and is seldom: 25 to 1
+# a low-pass is one of up to 42 that are tried, and is seldom: 25 to 1
 LOW_PASS_PRICE = 7.0
 # name of a delay in the catalogue
 DELAY = "time-skew"
@@ -112,11 +112,7 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
         return fit.likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
 
     loads = (False, True) if record.load != 0.0 else (False,)
-    plainest = [LowPass(corner, *_KINDS[0]) for corner in corners]
-    at = max(range(len(corners)), key=lambda place: value(plainest[place]))
-    # the other kinds have their best corner near that of the plainest
-    near = corners[max(at - 1, 0) : at + 2]
-    tried = [LowPass(corner, *kind, load) for kind in _KINDS for load in loads for corner in near]
+    tried = [LowPass(c, *kind, load) for kind in _KINDS for load in loads for c in corners]
     ranked = sorted(tried, key=value, reverse=True)
     step = float(corners[1] / corners[0])
     best = max((_tuned(one, value, step) for one in _unlike(ranked)[:_TUNED]), key=value)
