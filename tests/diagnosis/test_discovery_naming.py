@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from discovery_records import NOISE_NM, fitted, swinging
 
+from hdbench.diagnosis.discovery import form, refine
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_rows, joined
 from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
+from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.naming import _is_limit, _named, _same_space
 from hdbench.diagnosis.discovery.search import Search, impossible_parts
 from hdbench.diagnosis.discovery.term import Term, term_columns
@@ -212,3 +214,19 @@ def test_a_way_at_the_end_of_its_domain_is_not_told_from_dry_friction(beside, br
     other = candidate("coulomb-friction", row)
     other.term = Term(causes["coulomb-friction"], {"transition_rad_s": 2.0})
     assert _is_limit(other, Term(causes["presliding"], {"breakaway_rad": breakaway_rad})) is same
+
+
+def test_an_effect_that_acts_nowhere_is_not_loud(beside):
+    nothing, rest = np.zeros(beside.bands.size), beside.residual
+    assert loudness(beside.bands, nothing, rest, beside.spectrum.power) == 1.0
+
+
+def test_a_shape_that_a_record_cannot_show_is_tried_nowhere(beside, monkeypatch):
+    # a limit of the channel far above all that a model file may hold
+    record, cause = fitted(swinging(3000)).record, catalogue()["saturation"]
+    for module in (form, refine):
+        monkeypatch.setattr(module, "shape_bounds", lambda *_: {p.name: () for p in cause.shape})
+    assert form._typical_shapes(cause, record) == []
+    shape = {"limit_nm": 20.0, "sharpness": 2.0}
+    start = refine.candidate_of(beside, record, Term(cause, shape), 1.0, 1.0)
+    assert refine.of_right_size(beside, record, start) is start

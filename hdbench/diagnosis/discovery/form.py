@@ -150,13 +150,13 @@ def _other_forms(record: Record, torque: FloatArray, term: Term) -> list[FloatAr
 
 
 def _typical_shapes(cause: Cause, record: Record) -> list[dict[str, float]]:
-    """Return shapes at both ends and in the middle of the first one's domain."""
+    """Return shapes at both ends and in the middle of the first one's domain; none without one."""
     if not cause.shape:
         return [{}]
     rest = {p.name: p.default for p in cause.shape[1:] if p.default is not None}
-    (low, high), *_ = shape_bounds(cause, record.motion)[cause.shape[0].name]
     return [
         {cause.shape[0].name: float(low * (high / low) ** share), **rest}
+        for low, high in shape_bounds(cause, record.motion)[cause.shape[0].name][:1]
         for share in (0.0, 0.5, 1.0)
     ]
 

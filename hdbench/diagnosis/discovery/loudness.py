@@ -39,12 +39,15 @@ def loudness(bands: Bands, torque: FloatArray, left: FloatArray, power: FloatArr
     """
     root = np.sqrt(bands.spread(1.0 / power))
     effect, rest = bands.waves(np.stack([torque * root, left * root]))
-    share, score = np.square(effect), effect * rest
-    total, found = max(float(share.sum()), 1e-300), 1.0
+    total, found = float(effect @ effect), 1.0
+    if not total > 0.0:
+        # what all else says already acts nowhere
+        return found
+    share, score = np.square(effect) / total, effect * rest
     for count in _STRETCHES:
         edges = np.linspace(0, len(effect), count, endpoint=False).astype(int)
         part, sums = np.add.reduceat(share, edges), np.add.reduceat(score, edges)
-        several = total**2 / max(float(part @ part), 1e-300)
+        several = 1.0 / float(part @ part)
         chance = 1.0 + 2.0 * float(np.sqrt(2.0 / several))
         found = max(found, float(sums @ sums) / total / chance)
     return min(found, _LOUDEST)

@@ -222,7 +222,10 @@ def of_right_size(beside: Beside, record: Record, start: Candidate) -> Candidate
     from scipy.optimize import minimize_scalar
 
     term, name = start.term, smooth_shapes(start.term)[0]
-    low, high = shape_bounds(term.cause, record.motion)[name][0]
+    bands = shape_bounds(term.cause, record.motion)[name]
+    if not bands:
+        return start
+    low, high = bands[0]
 
     def at(logarithm: float) -> Candidate:
         moved = replace(term, shape={**term.shape, name: float(np.exp(logarithm))})
