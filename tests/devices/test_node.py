@@ -336,7 +336,8 @@ def test_the_watchdog_rests_while_nothing_runs():
 def test_the_safe_state_is_reached_and_confirmed_from_any_state(state):
     with served() as node, driver(node.host, node.port, watchdog_s=0.1) as bench:
         if state != "idle":
-            bench.configure(AcquisitionSettings(1e-3, 400, WAVE))
+            # so many that a block that is asked for twice does not end the run
+            bench.configure(AcquisitionSettings(1e-3, 4000, WAVE))
         if state in ("running", "finished", "tripped"):
             bench.start()
             bench.read_block()
