@@ -16,6 +16,8 @@ _SLOW_BANDS, _EVEN_BANDS = 16, 41
 SLOW_SHARE = 0.03
 # share of the record that fades in and out: a transform takes a jump between both ends for noise
 _FADE = 0.01
+# a wave that is moved is faded anew; where the window is next to nothing this has no meaning
+_STRETCH = 2.0
 # a filter is undone to some thirty times, so that noise behind it does not take over
 _UNDONE = 1e-3
 
@@ -196,6 +198,18 @@ class Bands:
         whole = np.zeros((len(rows), self.length))
         whole[:, : self.size] = rows
         return np.asarray(idct(whole, norm="ortho", axis=1, overwrite_x=True))[:, : len(self.fade)]
+
+    def moved(self, row: FloatArray, samples: float) -> FloatArray:
+        """Return the transform of a signal as it was some samples ago."""
+        from scipy.fft import dct
+
+        if samples == 0.0:
+            return row
+        wave = shifted(self.waves(row[None, :])[0], samples)
+        # the window of the record stays where it is
+        wave *= np.clip(self.fade / np.maximum(shifted(self.fade, samples), 1e-6), 0.0, _STRETCH)
+        wave = self._bridged(wave[None, :])[0]
+        return np.asarray(dct(wave, n=self.length, norm="ortho"))[: self.size]
 
     def _passed(self, rows: FloatArray) -> FloatArray:
         """Return rows as the channel passes them; a filter with a delay begins at rest."""

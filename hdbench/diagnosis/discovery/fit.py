@@ -26,6 +26,8 @@ from hdbench.records.trace import FloatArray
 
 # name of the columns that stand for slow motion where the channel is judged
 SLOW = "slow-motion"
+# how often what is explained is moved by a delay and fitted again: sharp reversals need the second
+_RETIMED = 2
 # directions of which less than this share of their energy is their own are taken as dependent
 _OWN_SHARE = 1e-6
 
@@ -400,15 +402,28 @@ class Fit:
         return self.record.late_s / self.record.period_s
 
     def retimed(self, late_s: float, rounds: int = 1) -> Fit:
-        """Return the fit of the torque as it was read so much after the motion."""
-        pieces = self.record.records or (self.record,)
+        """Return the fit of the torque as it was read so much after the motion.
+
+        What is explained moves and the noise does not: else a tone in the noise would say when.
+        """
+        pieces = [replace(one, late_s=0.0) for one in self.record.records or (self.record,)]
         parts = getattr(self.bands, "parts", (self.bands,))
-        moved = [replace(piece, late_s=late_s) for piece in pieces]
-        measured = [response_of(one, own) for one, own in zip(moved, parts, strict=True)]
-        new = self.of(np.concatenate(measured))
-        records = tuple(moved) if self.record.records else ()
+        read = [response_of(one, own) for one, own in zip(pieces, parts, strict=True)]
+        fixed = [own.transform(_present(one, one.fixed_nm)) for one, own in zip(pieces, parts)]
+        fixed = np.concatenate([row for rows in fixed for row in rows])
+        ends = np.cumsum([own.size for own in parts])[:-1]
+        new = self
+        for _ in range(_RETIMED):
+            expected = fixed + new.measured - new.residual
+            moved = [
+                own.moved(row, late_s / one.period_s)
+                for one, own, row in zip(pieces, parts, np.split(expected, ends), strict=True)
+            ]
+            new = self.of(np.concatenate(read) + expected - np.concatenate(moved))
+            new.settle(rounds)
+        late = tuple(replace(one, late_s=late_s) for one in pieces)
+        records = late if self.record.records else ()
         new.record = replace(self.record, late_s=late_s, records=records)
-        new.settle(rounds)
         return new
 
     def of(self, measured: FloatArray) -> Fit:
@@ -500,13 +515,18 @@ def response_of(record: Record, bands: Bands) -> FloatArray:
 
     Of the fixed torque it is what the channel makes of it.
     """
-    torque, fixed = (np.where(record.valid, x, 0.0) for x in (record.torque_nm, record.fixed_nm))
+    torque = _present(record, record.torque_nm)
     if record.late_s != 0.0:
         present = np.flatnonzero(record.valid)
-        bridged = np.interp(np.arange(len(torque)), present, torque[present])
-        torque = shifted(bridged, -record.late_s / record.period_s)
-    measured = bands.transform(torque[:, None], measured=True)[0]
-    return np.asarray(measured - bands.transform(fixed[:, None])[0])
+        bridged = np.interp(np.arange(len(torque)), present, record.torque_nm[present])
+        torque = shifted(bridged, -record.late_s / record.period_s)[:, None]
+    fixed = bands.transform(_present(record, record.fixed_nm))
+    return np.asarray(bands.transform(torque, measured=True) - fixed)[0]
+
+
+def _present(record: Record, torque_nm: FloatArray) -> FloatArray:
+    """Return a torque as a column, 0 where samples were left out."""
+    return np.where(record.valid, torque_nm, 0.0)[:, None]
 
 
 def scaled_rows(bands: Bands, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
