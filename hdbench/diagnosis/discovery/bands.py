@@ -79,10 +79,9 @@ class LowPass:
         held: FloatArray,
         shape: Callable[[NDArray[np.complex128]], NDArray[np.complex128]],
     ) -> FloatArray:
-        # mirrored, so that both ends meet
-        lines = np.fft.rfft(np.concatenate([held, held[::-1]]))
+        lines = _mirrored_lines(held)
         lines *= shape(self.gain(len(lines), len(lines) - 1))
-        return np.fft.irfft(lines, 2 * len(held))[: len(held)]
+        return np.fft.irfft(lines)[: len(held)]
 
 
 # many columns of one record go through the same filter
@@ -98,10 +97,23 @@ def shifted(values: FloatArray, samples: float) -> FloatArray:
     """Return a signal as it was some samples ago; noise stays as white as it is."""
     if samples == 0.0:
         return values
-    # mirrored, so that both ends meet
-    lines = np.fft.rfft(np.concatenate([values, values[::-1]]))
-    lines *= np.exp(-1j * np.pi * samples * np.arange(len(lines)) / len(values))
-    return np.fft.irfft(lines, 2 * len(values))[: len(values)]
+    lines = _mirrored_lines(values)
+    lines *= np.exp(-1j * np.pi * samples * np.arange(len(lines)) / (len(lines) - 1))
+    return np.fft.irfft(lines)[: len(values)]
+
+
+def _mirrored_lines(values: FloatArray) -> NDArray[np.complex128]:
+    """Return the lines of a signal that is mirrored, so that both ends meet."""
+    long = _lengthened(values[None, :])[0]
+    return np.fft.rfft(np.concatenate([long, long[::-1]]))
+
+
+def _lengthened(rows: FloatArray) -> FloatArray:
+    """Return rows that go on at their last values to a length of quick transforms."""
+    from scipy.fft import next_fast_len
+
+    n = rows.shape[1]
+    return np.pad(rows, ((0, 0), (0, int(next_fast_len(n, real=True)) - n)), mode="edge")
 
 
 def _bridged(values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
@@ -216,15 +228,16 @@ class Bands:
         from scipy.fft import dct, idct
         from scipy.signal import sosfilt
 
-        low_pass, n = self.low_pass, rows.shape[1]
+        low_pass = self.low_pass
         if low_pass is None:
             return rows
         if low_pass.causal:
             first = rows[:, :1]
             return np.asarray(first + sosfilt(low_pass.sections(), rows - first, axis=1))
-        gain = np.abs(low_pass.gain(n, n))
-        lines = dct(rows, norm="ortho", axis=1) * gain
-        return np.asarray(idct(lines, norm="ortho", axis=1, overwrite_x=True))
+        lines = dct(_lengthened(rows), norm="ortho", axis=1, overwrite_x=True)
+        lines *= np.abs(low_pass.gain(lines.shape[1], lines.shape[1]))
+        passed = np.asarray(idct(lines, norm="ortho", axis=1, overwrite_x=True))
+        return passed[:, : rows.shape[1]].copy()
 
     def _bridged(self, rows: FloatArray) -> FloatArray:
         """Return rows with lost samples on straight lines."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.bands import Bands, shifted
+from hdbench.diagnosis.discovery.bands import Bands
 from hdbench.diagnosis.discovery.moments import (
     RISES,
     Moments,
@@ -206,7 +206,7 @@ class Fit:
         for term in known:
             fit.add_term(term)
         fit.settle(4, anew=True)
-        return fit
+        return fit.retimed(record.late_s, 4) if record.late_s != 0.0 else fit
 
     @classmethod
     def laid_out(
@@ -396,30 +396,24 @@ class Fit:
         view.take(solve(view.moments(), view.shapes, view.spectrum, rounds=0))
         return view
 
-    @property
-    def late(self) -> float:
-        """Samples by which the torque was read after the motion."""
-        return self.record.late_s / self.record.period_s
-
     def retimed(self, late_s: float, rounds: int = 1) -> Fit:
         """Return the fit of the torque as it was read so much after the motion.
 
         What is explained moves and the noise does not: else a tone in the noise would say when.
         """
-        pieces = [replace(one, late_s=0.0) for one in self.record.records or (self.record,)]
+        pieces = self.record.records or (self.record,)
         parts = getattr(self.bands, "parts", (self.bands,))
+        fixed = [fixed_of(one, own) for one, own in zip(pieces, parts, strict=True)]
         read = [response_of(one, own) for one, own in zip(pieces, parts, strict=True)]
-        fixed = [own.transform(_present(one, one.fixed_nm)) for one, own in zip(pieces, parts)]
-        fixed = np.concatenate([row for rows in fixed for row in rows])
-        ends = np.cumsum([own.size for own in parts])[:-1]
+        ends = np.cumsum([len(row) for row in fixed])[:-1]
         new = self
         for _ in range(_RETIMED):
-            expected = fixed + new.measured - new.residual
+            found = np.split(new.measured - new.residual, ends)
             moved = [
-                own.moved(row, late_s / one.period_s)
-                for one, own, row in zip(pieces, parts, np.split(expected, ends), strict=True)
+                own.moved(row + still, late_s / one.period_s) - row - still
+                for one, own, row, still in zip(pieces, parts, found, fixed, strict=True)
             ]
-            new = self.of(np.concatenate(read) + expected - np.concatenate(moved))
+            new = self.of(np.concatenate(read) - np.concatenate(moved))
             new.settle(rounds)
         late = tuple(replace(one, late_s=late_s) for one in pieces)
         records = late if self.record.records else ()
@@ -511,22 +505,16 @@ def _products(bands: Bands, rows: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def response_of(record: Record, bands: Bands) -> FloatArray:
-    """Return the transform of the torque, in step with the motion, less the fixed one.
-
-    Of the fixed torque it is what the channel makes of it.
-    """
-    torque = _present(record, record.torque_nm)
-    if record.late_s != 0.0:
-        present = np.flatnonzero(record.valid)
-        bridged = np.interp(np.arange(len(torque)), present, record.torque_nm[present])
-        torque = shifted(bridged, -record.late_s / record.period_s)[:, None]
-    fixed = bands.transform(_present(record, record.fixed_nm))
-    return np.asarray(bands.transform(torque, measured=True) - fixed)[0]
+    """Return the transform of the torque less the fixed one, both at the times of the torque."""
+    torque = np.where(record.valid, record.torque_nm, 0.0)
+    measured = bands.transform(torque[:, None], measured=True)[0]
+    return np.asarray(measured - fixed_of(record, bands))
 
 
-def _present(record: Record, torque_nm: FloatArray) -> FloatArray:
-    """Return a torque as a column, 0 where samples were left out."""
-    return np.where(record.valid, torque_nm, 0.0)[:, None]
+def fixed_of(record: Record, bands: Bands) -> FloatArray:
+    """Return the transform of what the channel makes of the fixed torque."""
+    fixed = np.where(record.valid, record.fixed_nm, 0.0)
+    return np.asarray(bands.transform(fixed[:, None])[0])
 
 
 def scaled_rows(bands: Bands, columns: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.bands import shifted
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.evidence import chi2_tail
 from hdbench.records.trace import FloatArray
@@ -64,23 +63,15 @@ class Hump:
 
 def whitened_nm(fit: Fit) -> FloatArray:
     """Return the residual with white noise of unit variance, in time; 0 where not valid."""
-    from scipy.fft import idct
-
-    bands = fit.bands
-    buffer = np.zeros(bands.length)
-    buffer[: bands.size] = fit.residual * np.sqrt(bands.spread(1.0 / fit.spectrum.power))
-    white = np.asarray(idct(buffer, norm="ortho"))[: len(fit.record)]
-    return np.where(fit.record.valid, shifted(white, fit.late), 0.0)
+    scaled = fit.residual * np.sqrt(fit.bands.spread(1.0 / fit.spectrum.power))
+    white = fit.bands.waves(scaled[None, :])[0]
+    return np.where(fit.record.valid, white, 0.0)
 
 
 def residual_nm(fit: Fit) -> FloatArray:
     """Return the residual in time, N m; 0 where not valid."""
-    from scipy.fft import idct
-
-    buffer = np.zeros(fit.bands.length)
-    buffer[: fit.bands.size] = fit.residual
-    left = np.asarray(idct(buffer, norm="ortho"))[: len(fit.record)]
-    return np.where(fit.record.valid, shifted(left, fit.late), 0.0)
+    left = fit.bands.waves(fit.residual[None, :])[0]
+    return np.where(fit.record.valid, left, 0.0)
 
 
 def falling_noise(fit: Fit) -> tuple[FloatArray, float]:
