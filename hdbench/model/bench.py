@@ -161,8 +161,8 @@ def with_signal(
     Returns
     -------
     Motion
-        With `simulated_nm`, and its slope over the motor angle at the same output angle, from the
-        true angle to the recorded one.
+        With `simulated_nm`, its slope over the motor angle at the same output angle, from the true
+        angle to the recorded one, and the error.
     """
     way = np.where(np.abs(error_rad) > 2.0 * _ANGLE_STEP_RAD, error_rad, 2.0 * _ANGLE_STEP_RAD)
     middle = motion.angle_rad - 0.5 * error_rad
@@ -170,7 +170,12 @@ def with_signal(
         torque_nm(replace(motion, angle_rad=middle + half)) for half in (0.5 * way, -0.5 * way)
     )
     slope = (ahead - behind) / way
-    return replace(motion, simulated_nm=torque_nm(motion), ripple_slope_nm_per_rad=slope)
+    return replace(
+        motion,
+        simulated_nm=torque_nm(motion),
+        ripple_slope_nm_per_rad=slope,
+        angle_error_rad=np.broadcast_to(error_rad, motion.angle_rad.shape),
+    )
 
 
 @dataclass(frozen=True, slots=True)

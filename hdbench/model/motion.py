@@ -164,6 +164,8 @@ class Motion:
     ripple_slope_nm_per_rad : ndarray or None
         Change of `simulated_nm` with the motor angle alone, N m/rad, for causes that are an error
         of that angle; None where `simulated_nm` is, or is given without it.
+    angle_error_rad : ndarray or None
+        Error of `angle_rad`, rad, for causes that follow the true angle; None where none is known.
     """
 
     time_s: FloatArray
@@ -187,6 +189,7 @@ class Motion:
     simulated_nm: FloatArray | None = None
     load_smooth_nm: FloatArray | None = None
     ripple_slope_nm_per_rad: FloatArray | None = None
+    angle_error_rad: FloatArray | None = None
 
     @property
     def applied_nm(self) -> FloatArray:

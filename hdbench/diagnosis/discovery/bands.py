@@ -122,6 +122,15 @@ def _bridged(values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
     return known, np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
 
 
+def _both_ways(low_pass: LowPass, rows: FloatArray) -> FloatArray:
+    """Return rows behind a filter that runs once in each direction."""
+    from scipy.fft import dct, idct
+
+    lines = dct(rows, norm="ortho", axis=1)
+    lines *= np.abs(low_pass.gain(rows.shape[1], rows.shape[1]))
+    return np.asarray(idct(lines, norm="ortho", axis=1, overwrite_x=True))
+
+
 @dataclass(frozen=True, slots=True)
 class Bands:
     """Bands of the cosine transform of a record.
@@ -196,7 +205,12 @@ class Bands:
         if self.low_pass is None:
             return column
         if not self.low_pass.causal:
-            return self._unbridged(self._passed(column[None, :])[0])
+            long = np.zeros(len(_lengthened(column[None, :])[0]))
+            long[: len(column)] = column
+            long = _both_ways(self.low_pass, long[None, :])[0]
+            # the last value went on
+            long[len(column) - 1] += long[len(column) :].sum()
+            return self._unbridged(long[: len(column)])
         total = float(column.sum())
         column = np.asarray(sosfilt(self.low_pass.sections(), column[::-1]))[::-1].copy()
         # the filter begins at rest at the first sample
@@ -225,7 +239,6 @@ class Bands:
 
     def _passed(self, rows: FloatArray) -> FloatArray:
         """Return rows as the channel passes them; a filter with a delay begins at rest."""
-        from scipy.fft import dct, idct
         from scipy.signal import sosfilt
 
         low_pass = self.low_pass
@@ -234,10 +247,7 @@ class Bands:
         if low_pass.causal:
             first = rows[:, :1]
             return np.asarray(first + sosfilt(low_pass.sections(), rows - first, axis=1))
-        lines = dct(_lengthened(rows), norm="ortho", axis=1, overwrite_x=True)
-        lines *= np.abs(low_pass.gain(lines.shape[1], lines.shape[1]))
-        passed = np.asarray(idct(lines, norm="ortho", axis=1, overwrite_x=True))
-        return passed[:, : rows.shape[1]].copy()
+        return _both_ways(low_pass, _lengthened(rows))[:, : rows.shape[1]].copy()
 
     def _bridged(self, rows: FloatArray) -> FloatArray:
         """Return rows with lost samples on straight lines."""

@@ -455,9 +455,16 @@ def _aligned(
     return moved if left[1] < left[0] else motion
 
 
-def with_simulated(record: Record, fitted_nm: FloatArray, slope_nm_per_rad: FloatArray) -> Record:
+def with_simulated(
+    record: Record, fitted_nm: FloatArray, slope_nm_per_rad: FloatArray, error_rad: FloatArray
+) -> Record:
     """Return the record with a simulated torque, for causes that act on all of it."""
     simulated = np.where(record.valid, record.fixed_nm + fitted_nm, np.nan)
     slope = np.where(record.valid, slope_nm_per_rad, np.nan)
-    motion = replace(record.motion, simulated_nm=simulated, ripple_slope_nm_per_rad=slope)
+    motion = replace(
+        record.motion,
+        simulated_nm=simulated,
+        ripple_slope_nm_per_rad=slope,
+        angle_error_rad=error_rad,
+    )
     return replace(record, motion=motion)

@@ -476,7 +476,7 @@ class Search:
         new.false_alarm, new.trials, new.cost_nats = old.false_alarm, better.trials, old.cost_nats
         fit.settle(3)
         attach_forms(fit)
-        self.renew()
+        renew(self.fit)
 
     def explained(self, before: float) -> float:
         """Return the share of the baseline's residual power that was explained since `before`."""
@@ -496,19 +496,6 @@ class Search:
             if moved.term.shape != term.shape and moved.statistic > start.statistic:
                 fit.reshape(part, moved.term)
                 fit.settle(1)
-
-    def renew(self) -> None:
-        """Let what acts on the whole signal act on the signal as it is fitted now."""
-        fit = self.fit
-        for _ in range(_RENEWED):
-            on_simulated(fit)
-            before = fit.likelihood
-            for part in fit.causes():
-                if fit.term(part).cause.whole_signal:
-                    fit.reshape(part, fit.term(part))
-                    fit.settle(1)
-            if fit.likelihood < before + _LEAST_NATS:
-                return
 
     def prune(self, needed: float = _LEAST_NATS, most: int = 1) -> None:
         """Drop causes that the others, or another noise, made needless."""
@@ -644,7 +631,7 @@ class Search:
             elif not self.drop_needless() and not self.exchange_for_table():
                 break
             self.reshape_all()
-            self.renew()
+            renew(self.fit)
             self.retime()
             attach_forms(self.fit)
             self.prune()
@@ -838,8 +825,8 @@ def _turns_with_motor(cause: Cause) -> bool:
     return cause.locked_to == "motor" and not cause.whole_signal
 
 
-def slope_nm_per_rad(fit: Fit) -> FloatArray:
-    """Return the slope of the fitted torque of the channel over the motor angle, N m/rad.
+def slope_and_error(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return the slope of the fitted torque over the motor angle, N m/rad, and its error, rad.
 
     Where the recorded angle has an error the slope is over the whole of it: the error times the
     slope is then the torque of any error, large or small.
@@ -868,7 +855,7 @@ def slope_nm_per_rad(fit: Fit) -> FloatArray:
             moved = term_columns(part.term, replace(record, motion=motion))
             here = term_columns(part.term, record)
             slope += (here - moved) @ fit.linear(index) / way
-    return slope
+    return slope, error
 
 
 def search(
@@ -902,6 +889,7 @@ def search(
 def _as_good(fit: Fit, other: Fit) -> bool:
     """Return whether a fit with the causes of another one needs no low-pass."""
     fit = joined(fit, [other.term(part) for part in other.causes()])
+    renew(fit)
     # a filter that runs once delays the torque, too
     fit = best_delay(fit).fit
     scales = {part.name: part.form_scale for part in other.parts}
@@ -913,8 +901,21 @@ def _as_good(fit: Fit, other: Fit) -> bool:
 
 def on_simulated(fit: Fit) -> Fit:
     """Return a fit whose record holds the torque that the fit simulates."""
-    fit.record = with_simulated(fit.record, fitted_nm(fit, whole=False), slope_nm_per_rad(fit))
+    fit.record = with_simulated(fit.record, fitted_nm(fit, whole=False), *slope_and_error(fit))
     return fit
+
+
+def renew(fit: Fit) -> None:
+    """Let what acts on the whole signal act on the signal as it is fitted now."""
+    for _ in range(_RENEWED):
+        on_simulated(fit)
+        before = fit.likelihood
+        for part in fit.causes():
+            if fit.term(part).cause.whole_signal:
+                fit.reshape(part, fit.term(part))
+                fit.settle(1)
+        if fit.likelihood < before + _LEAST_NATS:
+            return
 
 
 def search_from(

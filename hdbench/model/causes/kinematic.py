@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +25,9 @@ TRANSMISSION_ERROR = "transmission-error"
 
 # harmonics of the motor angle in a harmonic drive's transmission error, each twice the last
 _HARMONICS = (1.0, 2.0, 4.0)
+# times that the error of an angle is formed over the angle without it: each time is some hundred
+# times nearer
+_TURNS = 3
 
 
 def _kinematic(motion: Motion, _: Shape) -> FloatArray:
@@ -54,14 +58,20 @@ def _transmission(motion: Motion, _: Shape) -> FloatArray:
 
 
 def _angle_errors(motion: Motion) -> FloatArray:
-    output = motion.output_angle_rad
-    waves = [pair(angle) for angle in (motion.angle_rad, output, 2.0 * output)]
+    angle, output, error = motion.angle_rad, motion.output_angle_rad, motion.angle_error_rad
+    angle = angle if error is None else angle - error
+    waves = [pair(a) for a in (angle, output, 2.0 * output)]
     return np.column_stack([*waves, motion.applied_nm])
 
 
 def angle_error_rad(motion: Motion, linear: Sequence[float]) -> FloatArray:
     """Return the error of the recorded motor angle that a transmission error says."""
-    return np.asarray(np.nan_to_num(_angle_errors(motion) @ np.asarray(linear)))
+    error = np.zeros(len(motion))
+    for _ in range(_TURNS):
+        # the error stands over the true angle, which it is needed for
+        errors = _angle_errors(replace(motion, angle_error_rad=error))
+        error = np.asarray(np.nan_to_num(errors @ np.asarray(linear)))
+    return error
 
 
 def _has_ripple(motion: Motion) -> str | None:
