@@ -50,6 +50,8 @@ _LINE_WAVES, _OTHER_WAVES = 8, 3
 _TURN = 0.02
 # delay between channels that a part may have at the largest scale, s
 _DELAY_S = 0.02
+# time constants of filters that make such a delay, s
+_LAGS_S = (0.002, 0.006, 0.02)
 # ways of the motor over which friction may build up after a reversal, rad
 _REACHES_RAD = (0.01, 0.1, 1.0)
 # a direction of which less than this share of the power is its own is left out
@@ -104,12 +106,9 @@ def _directions(
         for b in _modulations(record, _LINE_WAVES if line else _OTHER_WAVES)
         for wave in waves
     ]
-    rate = np.gradient(torque, record.motion.time_s)
     size = float(np.sqrt(np.mean(torque**2)))
     if not line:
-        out.append(_DELAY_S / SCALES[-1] * rate)
-        curve = np.gradient(rate, record.motion.time_s)
-        out.append((_DELAY_S**2) / SCALES[-1] * curve)
+        out += _delayed(record, torque)
     if term is not None and term.cause.locked_to == "velocity" and not _per_speed(term):
         # until a way is gone after a reversal, friction is anything up to its size
         out += [(lagged - torque) / USUAL for lagged in _lagged(record, torque)]
@@ -187,6 +186,17 @@ def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
     left = held - basis @ (basis.T @ held)
     own = np.sum(left**2, axis=0) > _OWN_SHARE * np.sum(held**2, axis=0)
     return np.where(own, left, 0.0)
+
+
+def _delayed(record: Record, torque: FloatArray) -> list[FloatArray]:
+    """Return what leads to a torque behind, and ahead of, the filters of a channel."""
+    out = []
+    for lag in _LAGS_S:
+        kept = np.full(len(torque), np.exp(-record.period_s / lag))
+        for way in (1, -1):
+            behind = first_order(kept, (1.0 - kept) * torque[::way])[::way]
+            out.append(_DELAY_S / lag / SCALES[-1] * (behind - torque))
+    return out
 
 
 def _lagged(record: Record, torque: FloatArray) -> list[FloatArray]:
