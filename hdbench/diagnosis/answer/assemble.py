@@ -20,7 +20,7 @@ from hdbench.diagnosis.discovery.told import Told, minimum_detectable, spectra, 
 from hdbench.diagnosis.faults.converter import CHANCE, step_of
 from hdbench.diagnosis.faults.fault import Fault, Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults
-from hdbench.diagnosis.inspection.channel import held_share
+from hdbench.diagnosis.faults.stamps import held_samples
 from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest
 
@@ -79,7 +79,7 @@ def assemble(
                 1.0 / fit.record.period_s,
                 step,
                 noise,
-                held_share(torque, step, CHANCE),
+                float(held_samples(torque, step, CHANCE).mean()),
             ),
             findings.inspected.derived,
         ),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from hdbench.diagnosis.faults.converter import clipping, stuck_samples
+from hdbench.diagnosis.faults.converter import CHANCE, clipping, stuck_samples
 from hdbench.diagnosis.faults.fault import Fault, Inspected, flag_runs, flag_samples
 from hdbench.diagnosis.faults.jumps import find_jumps
 from hdbench.diagnosis.faults.scatter import find_outliers, smallest_step
@@ -21,7 +21,7 @@ from hdbench.diagnosis.faults.shaft import (
     velocity_of,
     without_faults,
 )
-from hdbench.diagnosis.faults.stamps import lost_samples, repeated_rows
+from hdbench.diagnosis.faults.stamps import held_samples, lost_samples, repeated_rows
 from hdbench.diagnosis.faults.tacho import find_tacho_ripple
 from hdbench.diagnosis.faults.units import check_channels, expected_nm
 from hdbench.model import BenchModel, baseline_orders
@@ -48,8 +48,10 @@ def inspect_channels(
     trace, glitches = _without_glitches(without_faults(trace, profile, known), profile)
     clipped, saturation = clipping(trace, profile, torque)
     stuck = stuck_samples(torque) & ~clipped
-    masked, missing = clipped | stuck, ~np.isfinite(torque)
-    held = repeated_rows(trace, angle_of(trace, profile)) & ~masked
+    missing = ~np.isfinite(torque)
+    held = repeated_rows(trace, angle_of(trace, profile)) | held_samples(torque, 0.0, CHANCE)
+    held &= ~(clipped | stuck)
+    masked = clipped | stuck | held
     moving, repaired, derived = _moving(trace, profile, np.where(masked, np.nan, torque))
     if any(one.false_alarm_probability >= alpha for one in moving):
         moving, repaired = (), trace
@@ -62,11 +64,11 @@ def inspect_channels(
             "missed-samples",
             trace.time_s,
             held,
-            "rows that repeat the one before; nothing is repaired",
+            "torque that repeats the reading before; left out",
         ),
         *(fault.flag() for fault in faults),
     )
-    reasons = {"no value": missing, "clipped": clipped, "stuck": stuck}
+    reasons = {"no value": missing, "clipped": clipped, "stuck": stuck, "held": held}
     return Inspected(
         repaired,
         masked,

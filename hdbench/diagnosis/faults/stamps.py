@@ -1,4 +1,4 @@
-"""Missed samples that the record shows itself: no value, a gap of the stamps, a row held."""
+"""Missed samples that the record shows itself: no value, a gap of the stamps, held readings."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from hdbench.diagnosis.evidence import GAP
+from hdbench.diagnosis.faults.converter import STUCK
 from hdbench.diagnosis.faults.fault import Fault
-from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs
+from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs, tail_nats
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
 # samples on each side of a step whose earliest stamp tells what is missing
 _BESIDE = 7
+# changes on each side that tell how a channel moves, and a chance of no change that tells
+_NEAR, _RARE = 5, 0.03
 # channels that tell what the bench measured at a moment
 _TOLD = ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v")
 _MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
@@ -90,3 +93,32 @@ def repeated_rows(trace: Trace, angle: FloatArray | None) -> NDArray[np.bool_]:
         if abs(float(angle[high] - angle[low])) / (high - low) >= least:
             repeated[first + 1 : last + 2] = True
     return repeated
+
+
+def held_samples(values: FloatArray, step: float, alpha: float) -> NDArray[np.bool_]:
+    """Return the samples that repeat the one before although the channel moves."""
+    held = np.zeros(len(values), dtype=bool)
+    moves = np.diff(values)
+    same = moves == 0.0
+    if len(moves) <= 2 * _NEAR or not same.any() or same.all():
+        return held
+    sizes = np.abs(moves)
+    # rounding twice hides a grid: the smallest change that is there is no less than it
+    step = max(step, float(np.nanmin(sizes[sizes > 1e-9 * float(np.nanmax(sizes))])))
+    # a normal change falls on 0 of a grid with the density there times the step
+    windows = np.lib.stride_tricks.sliding_window_view(moves, 2 * _NEAR + 1)
+    beside = np.delete(windows, _NEAR, axis=1)
+    middle = np.median(beside, axis=1)
+    spread = 1.4826 * np.median(np.abs(beside - middle[:, None]), axis=1) + 0.5 * step
+    chance = np.ones(len(moves))
+    chance[_NEAR:-_NEAR] = np.exp(-0.5 * (middle / spread) ** 2) / np.sqrt(2.0 * np.pi)
+    chance[_NEAR:-_NEAR] *= step / spread
+    rare = chance < _RARE
+    # a scatter of ten changes may be half of what it is
+    expected = 2.0 * float(chance[rare].sum())
+    if tail_nats(int((same & rare).sum()), expected + 1.0) < -np.log(alpha):
+        return held
+    for first, last in mask_runs(same & rare):
+        if last - first < STUCK:
+            held[first + 1 : last + 2] = True
+    return held

@@ -1,47 +1,13 @@
-"""Channel by itself and beside another: spectrum, held samples, common noise and delay."""
+"""Channel by itself and beside another: spectrum, common noise and delay."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from hdbench.diagnosis.faults.converter import STUCK
-from hdbench.diagnosis.faults.scatter import AROUND, bridged, mask_runs, tail_nats
+from hdbench.diagnosis.faults.scatter import bridged
 from hdbench.diagnosis.faults.shaft import FAST
 from hdbench.records.trace import FloatArray
-
-
-def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = False) -> float:
-    """Return the share of samples that repeat the one before although the channel moves."""
-    # a normal change of median size m is 0 on a grid q with probability 0.269 q / m. Counted are
-    # equal neighbours in stretches with m above 8 q, in short runs that begin and end with a change
-    # of 4 q, against that number by the Poisson law
-    moves = np.diff(values)
-    same = moves == 0.0
-    if len(moves) < AROUND or not same.any() or same.all():
-        return 0.0
-    sizes = np.abs(moves)
-    # rounding twice hides a grid: the smallest change that is there is no less than it
-    least = float(np.nanmin(sizes[sizes > 1e-9 * float(np.nanmax(sizes))]))
-    step = max(step, least)
-    usual = np.zeros(len(moves))
-    for part in np.array_split(np.arange(len(moves)), max(1, len(moves) // AROUND)):
-        changed = sizes[part][sizes[part] > 0.0]
-        # a few changes in a stretch are steps, not motion
-        usual[part] = float(np.median(changed)) if len(changed) > len(part) // 10 else 0.0
-    busy = usual > 8.0 * step
-    seen = 0
-    for first, last in mask_runs(same & busy):
-        if first < 2 or last > len(moves) - 3 or last - first >= STUCK:
-            continue
-        before, after = float(sizes[first - 1]), float(sizes[last + 1])
-        made_up = (last - first + 1.5) * min(before, float(sizes[last + 2]))
-        if min(before, after) > 4.0 * step and (not smooth or after > made_up):
-            seen += last - first + 1
-    expected = float(np.sum(0.269 * step / usual[busy])) if busy.any() else 0.0
-    if tail_nats(seen, expected + 1.0) < -np.log(alpha):
-        return 0.0
-    return seen / len(values)
 
 
 def same_noise(one: FloatArray, other: FloatArray) -> bool:

@@ -12,8 +12,8 @@ import numpy as np
 from hdbench.diagnosis.faults.converter import CHANCE, piled_up, step_of, stuck_samples
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES, Shaft, derivation, shaft_of
-from hdbench.diagnosis.faults.stamps import gap_steps, gaps_of
-from hdbench.diagnosis.inspection.channel import delay_of, held_share, same_noise, same_to_the_end
+from hdbench.diagnosis.faults.stamps import gap_steps, gaps_of, held_samples
+from hdbench.diagnosis.inspection.channel import delay_of, same_noise, same_to_the_end
 from hdbench.diagnosis.inspection.log import Log
 from hdbench.diagnosis.inspection.result import (
     ChannelFacts,
@@ -137,7 +137,9 @@ def _look(
     values, unit, kind = log.channels[name], log.units.get(name, ""), log.kind(name)
     missing = ~np.isfinite(values)
     step = step_of(values)
-    held = 0.0 if kind == "given" else held_share(values, step, alpha, smooth=kind == "angle")
+    held = 0.0
+    if kind != "given":
+        held = float(held_samples(values, step, alpha).mean())
     # without a time the spectrum still tells the noise
     seen = None if kind == "angle" else spectrum_of(values, rate_hz or 1.0, step)
     # steps that are not smoothed by noise of 0.3 of them, beside that of the rounding itself
