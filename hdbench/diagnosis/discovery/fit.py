@@ -13,6 +13,7 @@ from hdbench.diagnosis.discovery.moments import (
     RISES,
     Moments,
     Solved,
+    among,
     inverse_scale,
     solve,
     solve_best,
@@ -297,7 +298,7 @@ class Fit:
     def keep(self, kept: NDArray[np.bool_]) -> None:
         """Keep only these rows; what the others explained is residual again."""
         self.rows = self.rows[kept]
-        self.gram = self.gram[:, kept][:, :, kept]
+        self.gram = among(self.gram, kept)
         self.against = self.against[:, kept]
         self.owner, self.form = self.owner[kept], self.form[kept]
         self.variance, self.coefficients = self.variance[kept], self.coefficients[kept]

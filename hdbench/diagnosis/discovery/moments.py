@@ -74,13 +74,14 @@ class Moments:
 
     def without(self, dropped: NDArray[np.bool_]) -> Moments:
         """Return the moments where some columns are taken out, and their part is residual again."""
-        back, kept = self.coefficients[dropped], ~dropped
-        places = np.flatnonzero(kept)
-        moved = self.gram[:, :, dropped] @ back
-        power = self.power + 2.0 * self.right[:, dropped] @ back + moved[:, dropped] @ back
+        kept, back = ~dropped, np.where(dropped, self.coefficients, 0.0)
+        right, power = self.right, self.power
+        if back.any():
+            moved = self.gram @ back
+            right, power = right + moved, power + 2.0 * right @ back + moved @ back
         return Moments(
-            self.gram.take(places, 1).take(places, 2),
-            (self.right + moved)[:, kept],
+            among(self.gram, kept),
+            right[:, kept],
             power,
             self.counts,
             self.coefficients[kept],
@@ -167,11 +168,19 @@ def solve(
     free = moments.penalty <= 0.0
     width = _log_det(information[np.ix_(free, free)]) if free.any() else 0.0
     if free.any() and spectrum is not held:
-        width -= _log_det(_weighted(moments.gram[:, free][:, :, free], held))
+        width -= _log_det(_weighted(among(moments.gram, free), held))
     else:
         width = 0.0
     likelihood = -0.5 * (logs + quadratic + _occam(information, moments.penalty) + width)
     return Solved(likelihood, spectrum, step, information)
+
+
+def among(gram: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    """Return the products of some columns among themselves, shape (n_bands, n_kept, n_kept)."""
+    k, places = len(kept), np.flatnonzero(kept)
+    flat = (places[:, None] * k + places).ravel()
+    # one pass over flat rows: several times faster than one axis after the other
+    return gram.reshape(len(gram), k * k).take(flat, 1).reshape(-1, len(places), len(places))
 
 
 def quick_likelihood(

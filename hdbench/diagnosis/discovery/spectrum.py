@@ -15,15 +15,13 @@ _BUMP_WIDTH = 0.35
 # no form is exact: up to a hundredth of what is modelled may be off in no stated direction, and
 # channels of one log may be this far apart in time, s
 _FORM, _DELAY_S = 0.01, 0.010
-# rounds of the multiplicative update, from nothing and from a neighbouring spectrum
-_ROUNDS, _FEW_ROUNDS = 200, 30
+# steps of the scoring, the shortest one, and the gain at which it has settled: .01 nats
+_STEPS, _LEAST_STEP, _SETTLED = 20, 1e-3, 0.02
 # noise below this share of the bandwidth is slow: it imitates drifts, steps and laws of the motion
 _SLOW_SHARE = 0.01
 # form error without a direction begins at this share of what it may be: it grows fast where it is
 # seen, and falls slowly where it is not
 _FIRST_SHARE = 1e-5
-# a shape that was at zero may come back from this share of the median power
-_RESERVE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +106,8 @@ class Shapes:
 
         Notes
         -----
-        Minimises the sum of dof (ln S + P / S) over amounts that are not negative, by the
-        multiplicative update of the Itakura-Saito divergence.
-
-        References
-        ----------
-        .. [1] C. Fevotte, N. Bertin, J.-L. Durrieu, Neural Comput. 21 (2009) 793,
-           doi:10.1162/neco.2008.04-08-771.
+        Minimises the sum of dof (ln S + P / S) over amounts that are not negative, by Fisher
+        scoring: least squares with weights dof / S^2, the step halved until the sum falls.
         """
         used = dof > 0.5
         whole = self.table
@@ -124,21 +117,62 @@ class Shapes:
                 shape = extra if share < 1.0 else extra * self.timing
                 whole = np.vstack([whole, np.maximum(shape, 1e-12 * self.floor)])
                 caps = np.append(caps, share)
-        table, p, nu = whole[:, used], np.maximum(power[used], self.floor), dof[used]
-        typical = float(np.median(p))
-        count = len(self.table)
+        p, nu, count = np.maximum(power[used], self.floor), dof[used], len(self.table)
         amounts = np.where(np.isfinite(caps), _FIRST_SHARE * caps, 0.0)
-        if start is None:
-            amounts[:count], rounds = typical / count, _ROUNDS
-        else:
-            amounts[:count], rounds = np.maximum(start, _RESERVE * typical), _FEW_ROUNDS
-        amounts = np.minimum(amounts, caps)
-        nup = nu * p
-        for _ in range(rounds):
-            inverse = 1.0 / (amounts @ table + self.floor)
-            rise = (table @ (nup * inverse * inverse)) / (table @ (nu * inverse))
-            amounts = np.minimum(amounts * np.sqrt(rise), caps)
+        amounts[:count] = float(np.median(p)) / count if start is None else start
+        live = caps > 0.0
+        amounts = np.where(live, np.minimum(amounts, caps), 0.0)
+        amounts[live] = _scored(whole[live][:, used], p, nu, amounts[live], caps[live], self.floor)
         return Spectrum(amounts @ whole + self.floor, amounts[:count])
+
+
+def _scored(
+    table: FloatArray,
+    power: FloatArray,
+    dof: FloatArray,
+    amounts: FloatArray,
+    caps: FloatArray,
+    floor: float,
+) -> FloatArray:
+    """Return the most likely amounts between 0 and their caps, from these on."""
+
+    def loss_of(spectrum: FloatArray) -> float:
+        return float(dof @ (np.log(spectrum) + power / spectrum))
+
+    spectrum = amounts @ table + floor
+    loss = loss_of(spectrum)
+    for _ in range(_STEPS):
+        weight = np.sqrt(dof) / spectrum
+        wanted = _between((table * weight).T, (power - floor) * weight, caps)
+        share = 1.0
+        while share > _LEAST_STEP:
+            nearer = amounts + share * (wanted - amounts)
+            tried = nearer @ table + floor
+            gain = loss - loss_of(tried)
+            if gain > 0.0:
+                break
+            share *= 0.5
+        else:
+            break
+        amounts, spectrum, loss = nearer, tried, loss - gain
+        if gain < _SETTLED:
+            break
+    return amounts
+
+
+def _between(columns: FloatArray, wanted: FloatArray, caps: FloatArray) -> FloatArray:
+    """Return the least squares' coefficients between 0 and their caps."""
+    from scipy.optimize import nnls
+
+    size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
+    columns = columns / size
+    found = nnls(columns, wanted)[0]
+    over = found > caps * size
+    if over.any():
+        found = np.where(over, caps * size, 0.0)
+        left = wanted - columns @ found
+        found[~over] = np.minimum(nnls(columns[:, ~over], left)[0], (caps * size)[~over])
+    return np.asarray(found / size)
 
 
 def make_shapes(frequency_hz: FloatArray, floor: float) -> Shapes:

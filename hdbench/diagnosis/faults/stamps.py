@@ -114,9 +114,9 @@ def held_samples(values: FloatArray, step: float, alpha: float) -> NDArray[np.bo
     chance[_NEAR:-_NEAR] = np.exp(-0.5 * (middle / spread) ** 2) / np.sqrt(2.0 * np.pi)
     chance[_NEAR:-_NEAR] *= step / spread
     rare = chance < _RARE
-    # a scatter of ten changes may be half of what it is
-    expected = 2.0 * float(chance[rare].sum())
-    if tail_nats(int((same & rare).sum()), expected + 1.0) < -np.log(alpha):
+    # without any that are held, no change is as frequent as one step up or down
+    steps = int((rare & ~same & (sizes < 1.5 * step)).sum())
+    if tail_nats(int((same & rare).sum()), 0.5 * steps + 1.0) < -np.log(alpha):
         return held
     for first, last in mask_runs(same & rare):
         if last - first < STUCK:
