@@ -94,7 +94,7 @@ def _gain(low_pass: LowPass, count: int, whole: int) -> NDArray[np.complex128]:
 
 
 def shifted(values: FloatArray, samples: float) -> FloatArray:
-    """Return a signal as it was some samples ago; noise stays as white as it is."""
+    """Return a signal as it was some samples ago, all frequencies alike."""
     if samples == 0.0:
         return values
     lines = _mirrored_lines(values)

@@ -405,7 +405,10 @@ class Fit:
         pieces = self.record.records or (self.record,)
         parts = getattr(self.bands, "parts", (self.bands,))
         fixed = [fixed_of(one, own) for one, own in zip(pieces, parts, strict=True)]
-        read = [response_of(one, own) for one, own in zip(pieces, parts, strict=True)]
+        read = [
+            torque_of(one, own) - still
+            for one, own, still in zip(pieces, parts, fixed, strict=True)
+        ]
         ends = np.cumsum([len(row) for row in fixed])[:-1]
         new = self
         for _ in range(_RETIMED):
@@ -507,9 +510,13 @@ def _products(bands: Bands, rows: FloatArray, other: FloatArray) -> FloatArray:
 
 def response_of(record: Record, bands: Bands) -> FloatArray:
     """Return the transform of the torque less the fixed one, both at the times of the torque."""
+    return np.asarray(torque_of(record, bands) - fixed_of(record, bands))
+
+
+def torque_of(record: Record, bands: Bands) -> FloatArray:
+    """Return the transform of the measured torque."""
     torque = np.where(record.valid, record.torque_nm, 0.0)
-    measured = bands.transform(torque[:, None], measured=True)[0]
-    return np.asarray(measured - fixed_of(record, bands))
+    return np.asarray(bands.transform(torque[:, None], measured=True)[0])
 
 
 def fixed_of(record: Record, bands: Bands) -> FloatArray:
