@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.faults.fault import Fault, fault_over
-from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs, tail_nats
+from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, STUCK, mask_runs, tail_nats
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
-# this many equal samples in a row do not come from a channel with noise
-STUCK = 20
 # chance of any statistical finding in a channel of a log without a fault
 CHANCE = 1e-5
 

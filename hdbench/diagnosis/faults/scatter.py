@@ -14,6 +14,8 @@ ACCEPT_NATS = 8.0
 CERTAIN_NATS = 700.0
 # a loud stretch is judged by itself: samples over which a scatter is taken
 AROUND = 400
+# this many equal samples in a row do not come from a channel with noise
+STUCK = 20
 
 
 def paid_nats(gain_nats: float, parameters: int, samples: int) -> float:

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from hdbench.diagnosis.evidence import GAP
-from hdbench.diagnosis.faults.converter import STUCK
 from hdbench.diagnosis.faults.fault import Fault
-from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs, tail_nats
+from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, STUCK, mask_runs, tail_nats
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
