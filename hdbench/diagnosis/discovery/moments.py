@@ -14,6 +14,8 @@ from hdbench.records.trace import FloatArray
 _RIDGE = 1e-10
 # a band keeps at least this share of its coefficients as degrees of freedom
 _LEAST_DOF = 0.2
+# the noise is settled where a further round changes the likelihood by less, nats
+_SETTLED = 1e-3
 # a spectrum that rises by less than this anywhere has not taken an effect for noise
 RISES = 10.0
 
@@ -142,7 +144,7 @@ def solve(
     anew: bool = False,
     reference: Spectrum | None = None,
 ) -> Solved:
-    """Return coefficients and spectrum, fitted in turn.
+    """Return coefficients and spectrum, fitted in turn, in so many rounds or until they settle.
 
     Notes
     -----
@@ -159,7 +161,10 @@ def solve(
         dof = np.clip(counts - taken / spectrum.power, _LEAST_DOF * counts, counts)
         amounts = None if anew else spectrum.amounts
         power, *modelled = moments.left(step)
-        spectrum = shapes.fit(power / dof, dof, amounts, *modelled)
+        before, spectrum = spectrum, shapes.fit(power / dof, dof, amounts, *modelled)
+        # the likelihood is flat at its best: it changes by the square
+        if moments.counts @ np.log(spectrum.power / before.power) ** 2 < 4.0 * _SETTLED:
+            break
     step, information = _normal(moments, spectrum)
     power = moments.left(step)[0]
     total = moments.coefficients + step
