@@ -184,6 +184,23 @@ def test_torque_that_repeats_the_reading_before_is_told_and_takes_no_part(names)
     assert dict(found.left_out)["held"] > 0.8 * len(held)
 
 
+def test_rows_that_were_held_say_nothing_of_the_motion():
+    columns = bench(6000)
+    at = np.arange(50, 5950, 97)
+    for values in columns.values():
+        if values is not columns["time_s"]:
+            values[at] = values[at - 1]
+    found = inspected(columns)
+    lost = ~np.isfinite(found.trace["encoder_count"])
+    assert np.flatnonzero(lost).tolist() == at.tolist()
+    assert dict(found.left_out) == {"held": len(at)}
+    # a shaft that rests repeats its rows, too
+    still = {name: np.concatenate([v, np.full(500, v[-1])]) for name, v in columns.items()}
+    still["time_s"] = np.arange(6500) * 1e-3
+    again = inspected(still)
+    assert np.isfinite(again.trace["encoder_count"][6000:]).all()
+
+
 # --- converter
 
 
@@ -360,7 +377,7 @@ def test_logs_of_other_drives_have_no_fault_and_stay_as_they_are(case):
     assert (found.reason, found.faults) == ("", ())
     assert dict(found.left_out).keys() <= {"held"}
     for channel, values in trace.columns.items():
-        np.testing.assert_array_equal(found.trace[channel], values)
+        np.testing.assert_array_equal(found.trace[channel][~found.masked], values[~found.masked])
     # all but one drive tell the velocity by the angle
     assert bool(found.derived) is not case.record.startswith("cogging")
     assert {flag.name for flag in found.flags} <= {"missed-samples"}

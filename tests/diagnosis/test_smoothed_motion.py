@@ -1,4 +1,4 @@
-"""Logs whose velocity was smoothed before it was stored."""
+"""What a log holds of the motion: a velocity that was smoothed, a speed that ripples."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,8 @@ from scipy.signal import butter, sosfiltfilt
 from swinging_shaft import trace_of
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.discovery.record import smoothed
+from hdbench.diagnosis.discovery.record import prepare_record, smoothed
+from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile import load_profile
 
 PROFILE = load_profile("cim-tr-97-06")
@@ -51,3 +52,44 @@ def test_smoothing_keeps_what_is_slow_and_takes_what_is_fast():
     slow, fast = np.cos(2.0 * np.pi * 10.0 * time), np.cos(2.0 * np.pi * 110.0 * time)
     left = smoothed((slow + fast)[:, None], 0.2)[:, 0]
     assert left[500:-500] == pytest.approx(slow[500:-500], abs=1e-3)
+
+
+def rippling_speed(size_rad, n=12_000):
+    """Return a trace of a speed that ripples at order 4, and its acceleration, in closed form."""
+    rng, time, rate = np.random.default_rng(4), np.arange(n) * 1e-3, 2.0 * np.pi / 9.0
+    speed = 90.0 + 40.0 * np.sin(rate * time)
+    turned = 90.0 * time + 40.0 / rate * (1.0 - np.cos(rate * time))
+    phase = 4.0 * turned + 0.7
+    angle = turned + size_rad * np.sin(phase)
+    more = 1.0 + 4.0 * size_rad * np.cos(phase)
+    acceleration = 40.0 * rate * np.cos(rate * time) * more
+    acceleration -= 16.0 * size_rad * speed**2 * np.sin(phase)
+    torque = 0.4 * np.cos(2.0 * angle) + 0.2 * np.cos(4.0 * angle - 1.5)
+    torque += 1.725e-4 * acceleration + 0.01 * rng.standard_normal(n)
+    tacho = np.round(speed * more + 0.05 * rng.standard_normal(n), 2)
+    step = 2.0 * np.pi / 2**16
+    return trace_of(time, tacho, np.floor(angle / step) * step, torque), acceleration
+
+
+@pytest.mark.parametrize("size_rad", [1.5e-3, 3e-3])
+def test_the_torque_of_a_speed_that_ripples_is_expected(size_rad):
+    trace, acceleration = rippling_speed(size_rad)
+    no_mask = np.zeros(len(acceleration), dtype=bool)
+    model = BenchModel.from_profile(PROFILE.data)
+    record = prepare_record(trace, PROFILE.data, model, no_mask)
+    inside = slice(100, -100)
+    off = (record.motion.acceleration_rad_s2 - acceleration)[inside]
+    # the acceleration over 20 ms loses half of it
+    assert off.std() < 0.02 * acceleration[inside].std()
+    found = diagnose_trace(trace, PROFILE)
+    assert found.causes == found.unexplained == ()
+
+
+def test_a_motion_that_the_torque_does_not_have_is_not_expected():
+    trace, acceleration = rippling_speed(1.5e-3)
+    without = trace.with_columns(torque_nm=trace["torque_nm"] - 1.725e-4 * acceleration)
+    no_mask = np.zeros(len(acceleration), dtype=bool)
+    model = BenchModel.from_profile(PROFILE.data)
+    record = prepare_record(without, PROFILE.data, model, no_mask)
+    smooth = motion_from_trace(without, PROFILE.data).acceleration_rad_s2
+    np.testing.assert_array_equal(record.motion.acceleration_rad_s2, smooth)

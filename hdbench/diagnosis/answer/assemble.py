@@ -13,7 +13,7 @@ from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdi
 from hdbench.diagnosis.answer.testable import TorqueChannel, testable
 from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.fit import Fit
-from hdbench.diagnosis.discovery.record import FAST, SAMPLED
+from hdbench.diagnosis.discovery.record import SAMPLED
 from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
 from hdbench.diagnosis.discovery.search import Search
 from hdbench.diagnosis.discovery.told import Told, minimum_detectable, spectra, tell
@@ -151,7 +151,7 @@ def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> Benc
     names: list[str] = []
     values: list[float] = []
     for index, part in enumerate(fit.parts):
-        if part.term is None and len(part.scale) and not part.name.startswith((SAMPLED, FAST)):
+        if part.term is None and len(part.scale) and not part.name.startswith(SAMPLED):
             own = [n for n in fit.record.names if (n.rpartition(":")[0] or n) == part.name]
             names += own
             values += fit.linear(index).tolist()

@@ -13,21 +13,19 @@ from hdbench.diagnosis.evidence import GAP
 from hdbench.estimation.bandwidth import spectrum_of
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.bench import expected_torque_nm
-from hdbench.model.motion import ACCELERATION_WINDOW_S, torque_from_trace
+from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
 # name of the columns of a ripple whose lines were sampled too seldom to be followed
 SAMPLED = "sampled-ripple"
-# name of the columns of what an acceleration holds beyond its window, in octaves
-FAST = "fast-acceleration"
-_OCTAVES = 5
+# cells of the short-time spectrum of an acceleration: so long, of so many samples at least, and
+# motion where the mean of nine has so many times the power of the noise
+_CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
 # a pause of this share of the record's samples is no gap
 _PAUSE = 0.02
 # an inertia that is off by more is not the load's, nor is one that is less sure
 _OFF, _SURE = 0.5, 10.0
-# shortest window of an acceleration, sampling periods
-_LEAST_PERIODS = 4.0
 # lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
 # and those between and above have an amplitude of their own, if this share of the turns is there; a
 # spline through these follows filters of up to eighth order to a thousandth
@@ -196,19 +194,16 @@ def prepare_record(
     fixed, names, columns = change.apply(motion, fixed, names, columns)
     steps = np.diff(motion.time_s)
     period = float(np.median(steps))
-    names, columns = _sampled_lines(motion, period, names, columns)
-    prior = np.full(len(names), np.inf)
-    expected = expected_torque_nm(motion, motion.inertia_nm_s2)
     usable = motion.valid & np.isfinite(torque - fixed) & ~masked
     passed = _passed(motion.velocity_rad_s, torque, usable, period)
-    plain = "expected-torque" not in change.without and passed == 1.0
-    if plain and _is_followed(motion, (torque - fixed)[usable], expected, columns, usable):
-        # of each octave all is motion or nothing: half of it, give or take a half
-        fast = motion.inertia_nm_s2 * _fast_acceleration(motion, period)
-        fixed = fixed + 0.5 * fast.sum(axis=1)
-        columns = np.column_stack([columns, fast])
-        names = (*names, *(f"{FAST}:{k}" for k in range(fast.shape[1])))
-        prior = np.append(prior, np.full(fast.shape[1], 0.5))
+    if "expected-torque" not in change.without and passed == 1.0:
+        sharp = _sharpened(motion, period)
+        expected = expected_torque_nm(sharp, motion.inertia_nm_s2)
+        other = fixed + expected - expected_torque_nm(motion, motion.inertia_nm_s2)
+        if _is_followed(motion, (torque - other)[usable], expected, columns, usable):
+            motion, fixed = sharp, other
+    names, columns = _sampled_lines(motion, period, names, columns)
+    prior = np.full(len(names), np.inf)
     if not whole_turn and "misalignment" not in change.without:
         amplitude, phase = model.misalignment
         fixed = fixed + amplitude * np.cos(motion.output_angle_rad + phase)
@@ -274,12 +269,14 @@ def as_followed(record: Record) -> Record:
     torque = bands.transform((record.response_nm + others[:, -1])[:, None], measured=True)[0]
     angle, *rows = bands.transform(others)
     asked, turns = bands.power(rows[-1]), bands.power(angle)
-    # gravity may cancel the load of the motion itself: it is taken out beside that
+    # gravity may cancel the load of the motion itself, and a ripple that of a speed that it moves:
+    # they are taken out beside that
     last = int(np.searchsorted(np.cumsum(turns), _MOST_OF_ANGLE * turns.sum()))
     slow = np.where(np.arange(bands.size) < bands.edges[last + 1], rows[-1], 0.0)
-    design = np.array([*bands.transform(record.columns), *rows[:-1], slow]).T
+    parts = (rows[-1] - slow, slow)
+    design = np.array([*bands.transform(record.columns), *rows[:-1], *parts]).T
     amounts = np.linalg.lstsq(design.T @ design, design.T @ torque, rcond=None)[0]
-    has = bands.power(torque - design[:, :-1] @ amounts[:-1])
+    has = bands.power(torque - design[:, :-2] @ amounts[:-2])
     share = np.minimum(has / (_LEAST_POWER * np.maximum(asked, 1e-300)), 1.0)
     if float(turns @ share) < 0.5 * float(turns.sum()):
         return record
@@ -318,45 +315,56 @@ def _is_followed(
     return off < _OFF * float(size[-1]) and _SURE * std < float(size[-1])
 
 
-def _fast_acceleration(motion: Motion, period_s: float) -> FloatArray:
-    """Return what the measured motion holds of the acceleration beyond the window it is formed in.
+def _sharpened(motion: Motion, period_s: float) -> Motion:
+    """Return the motion with what its channel holds of the acceleration beyond its window.
 
-    By octaves from half of one over the window on, rad/s^2: how much of each is motion and how
-    much is noise of the channel, the torque says.
+    A cell of the short-time spectrum takes part where it stands out of the channel's noise, which
+    is even over the frequencies of what was differentiated: a line that the speed moves is kept,
+    the noise beside it is not.
     """
+    from scipy.ndimage import uniform_filter
+    from scipy.signal import ShortTimeFFT
+
+    width = max(_LEAST_CELL, round(_CELL_S / period_s))
+    if len(motion) < 2 * width:
+        return motion
+    cells = ShortTimeFFT.from_window("hann", 1.0 / period_s, width, 3 * width // 4)
+    seen = cells.stft(_beyond_window(motion, period_s))
+    degree = 2 if motion.acceleration_source == "angle" else 1
+    power = np.abs(seen) ** 2 / np.maximum(cells.f, cells.f[1])[:, None] ** (2 * degree)
+    # the median of the upper octave: lines stand in few cells; that of an exponential is ln 2
+    noise = float(np.median(power[cells.f > 0.5 * cells.f[-1]])) / np.log(2.0)
+    kept = uniform_filter(power, 3) > _STANDS_OUT * noise
+    fast = cells.istft(np.where(kept, seen, 0.0), k1=len(motion))
+    return replace(motion, acceleration_rad_s2=motion.acceleration_rad_s2 + fast)
+
+
+def _beyond_window(motion: Motion, period_s: float) -> FloatArray:
+    """Return the derivative of the measured motion less the smooth acceleration, rad/s^2."""
     from scipy.fft import next_fast_len
-    from scipy.interpolate import CubicHermiteSpline
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
     n = len(motion)
     by_angle = motion.acceleration_source == "angle"
     values = motion.angle_rad if by_angle else motion.velocity_rad_s
     both = np.column_stack([values, motion.acceleration_rad_s2])
-    known = np.asarray(np.isfinite(both).all(axis=1))
-    at = np.flatnonzero(known)
-    held = np.column_stack([np.interp(np.arange(n), at, one[at]) for one in both.T])
+    at = np.flatnonzero(np.isfinite(both).all(axis=1))
+    # lost samples are bridged, between the first and the last
+    held = CubicSpline(at, both[at])(np.clip(np.arange(n), at[0], at[-1]))
     # less a cubic with the same values and slopes at both ends, so that the mirrored ends meet
     ends = CubicHermiteSpline(
         [0.0, n - 1.0],
         held[[0, -1], 0],
         [np.diff(held[:9, 0]).mean(), np.diff(held[-9:, 0]).mean()],
     )
-    bend = ends(np.arange(n))
-    held[:, 1] -= (ends(np.arange(n), 2 if by_angle else 1)) / period_s ** (2 if by_angle else 1)
-    held[:, 0] -= bend
+    degree = 2 if by_angle else 1
+    held[:, 1] -= ends(np.arange(n), degree) / period_s**degree
+    held[:, 0] -= ends(np.arange(n))
     size = int(next_fast_len(n, real=True))
     padded = np.pad(held, ((0, size - n), (0, 0)), mode="edge")
     lines = np.fft.rfft(np.concatenate([padded, padded[::-1]]), axis=0)
-    hertz = np.arange(len(lines)) / (2.0 * size * period_s)
-    turn = 2j * np.pi * hertz
-    left = lines[:, 0] * (turn**2 if by_angle else turn) - lines[:, 1]
-    window_s = max(ACCELERATION_WINDOW_S, _LEAST_PERIODS * period_s)
-    low = 0.5 / window_s * 2.0 ** np.arange(_OCTAVES)
-    pieces = [
-        np.fft.irfft(np.where((hertz >= a) & (hertz < b), left, 0.0), 2 * size)[:n]
-        for a, b in zip(low, [*low[1:], np.inf], strict=True)
-        if a < hertz[-1]
-    ]
-    return np.where(known[:, None], np.column_stack(pieces), 0.0)
+    turn = 2j * np.pi * np.arange(len(lines)) / (2.0 * size * period_s)
+    return np.fft.irfft(lines[:, 0] * turn**degree - lines[:, 1], 2 * size)[:n]
 
 
 def smoothed(columns: FloatArray, share: float) -> FloatArray:

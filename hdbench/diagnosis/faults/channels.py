@@ -21,7 +21,12 @@ from hdbench.diagnosis.faults.shaft import (
     velocity_of,
     without_faults,
 )
-from hdbench.diagnosis.faults.stamps import held_samples, lost_samples, repeated_rows
+from hdbench.diagnosis.faults.stamps import (
+    MEASURED,
+    held_samples,
+    lost_samples,
+    repeated_rows,
+)
 from hdbench.diagnosis.faults.tacho import find_tacho_ripple
 from hdbench.diagnosis.faults.units import check_channels, expected_nm
 from hdbench.model import BenchModel, baseline_orders
@@ -49,9 +54,12 @@ def inspect_channels(
     clipped, saturation = clipping(trace, profile, torque)
     stuck = stuck_samples(torque) & ~clipped
     missing = ~np.isfinite(torque)
-    held = repeated_rows(trace, angle_of(trace, profile)) | held_samples(torque, 0.0, CHANCE)
-    held &= ~(clipped | stuck)
+    stale = repeated_rows(trace, angle_of(trace, profile))
+    held = (stale | held_samples(torque, 0.0, CHANCE)) & ~(clipped | stuck)
     masked = clipped | stuck | held
+    # a row that was held says nothing of the motion, either
+    lost_too = [name for name in (*MEASURED, *ANGLES, "output_angle_rad") if name in trace]
+    trace = trace.with_columns(**{n: np.where(stale, np.nan, trace[n]) for n in lost_too})
     moving, repaired, derived = _moving(trace, profile, np.where(masked, np.nan, torque))
     if any(one.false_alarm_probability >= alpha for one in moving):
         moving, repaired = (), trace

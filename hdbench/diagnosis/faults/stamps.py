@@ -8,7 +8,13 @@ from scipy.ndimage import minimum_filter1d
 
 from hdbench.diagnosis.evidence import GAP
 from hdbench.diagnosis.faults.fault import Fault
-from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, STUCK, mask_runs, tail_nats
+from hdbench.diagnosis.faults.scatter import (
+    CERTAIN_NATS,
+    STUCK,
+    mask_runs,
+    smallest_step,
+    tail_nats,
+)
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
@@ -18,7 +24,10 @@ _BESIDE = 7
 _NEAR, _RARE = 5, 0.03
 # channels that tell what the bench measured at a moment
 _TOLD = ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v")
-_MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
+MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
+
+# a shaft turns on if it turned by more than so many steps of its angle before and after a row
+_TURNS = 3.0
 
 
 def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
@@ -78,18 +87,16 @@ def repeated_rows(trace: Trace, angle: FloatArray | None) -> NDArray[np.bool_]:
         return repeated
     moves = np.diff(angle)
     same = moves == 0.0
-    for other in _MEASURED:
+    for other in MEASURED:
         if other in trace and same.any():
             same &= np.diff(trace[other]) == 0.0
-    turning = np.abs(moves[np.isfinite(moves) & (moves != 0.0)])
-    if not same.any() or not len(turning):
+    if not same.any():
         return repeated
-    # slower than a fifth of the usual pace the shaft may start or stop within the row
-    least = 0.2 * float(np.median(turning))
+    least = _TURNS * smallest_step(moves)
     for first, last in mask_runs(same):
-        low, high = max(0, first - 1), min(len(angle) - 1, last + 2)
-        # what the rows before and after have turned by, shared out over the steps between them
-        if abs(float(angle[high] - angle[low])) / (high - low) >= least:
+        before, after = moves[max(first - 1, 0)], moves[min(last + 1, len(moves) - 1)]
+        # a shaft that starts, stops or turns back within the row moves on one side alone
+        if min(before * after, abs(before) - least, abs(after) - least) > 0.0:
             repeated[first + 1 : last + 2] = True
     return repeated
 
