@@ -13,7 +13,7 @@ from hdbench.diagnosis.evidence import GAP
 from hdbench.estimation.bandwidth import spectrum_of
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.bench import expected_torque_nm
-from hdbench.model.motion import torque_from_trace
+from hdbench.model.motion import angle_curvature, torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -182,11 +182,12 @@ def prepare_record(
     correction has a prior of three times the model's amplitude.
 
     An angle that is integrated from the velocity by the contract's rule lies half a sample behind
-    the shaft wherever the speed changes. Where the baseline fits better with the half sample put
-    back, that angle is used.
+    the shaft wherever the speed changes, and a velocity channel may be smoothed or late. Where the
+    baseline fits better with the half sample put back, or the acceleration by the
+    measured angle, that is used.
     """
     torque = torque_from_trace(trace, profile)
-    motion = _aligned(motion_from_trace(trace, profile), profile, torque, masked)
+    motion = _likeliest(motion_from_trace(trace, profile), profile, torque, masked)
     change = change or BaselineChange()
     load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
@@ -335,7 +336,7 @@ def _sharpened(motion: Motion, period_s: float) -> Motion:
     # the median of the upper octave: lines stand in few cells; that of an exponential is ln 2
     noise = float(np.median(power[cells.f > 0.5 * cells.f[-1]])) / np.log(2.0)
     kept = uniform_filter(power, 3) > _STANDS_OUT * noise
-    fast = cells.istft(np.where(kept, seen, 0.0), k1=len(motion))
+    fast = np.real(cells.istft(np.where(kept, seen, 0.0), k1=len(motion)))
     return replace(motion, acceleration_rad_s2=motion.acceleration_rad_s2 + fast)
 
 
@@ -436,31 +437,38 @@ def _load_share(
     return min((1.0, 0.0, -1.0), key=lambda x: float(np.sum((left[:, 0] - x * left[:, 1]) ** 2)))
 
 
-def _aligned(
+def _likeliest(
     motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
 ) -> Motion:
-    """Return the motion with an integrated angle in step with the baseline."""
+    """Return the motion, of those that the channels allow, with which the baseline leaves least."""
+    return min(_motions(motion), key=lambda one: _left_power(one, profile, torque, masked))
+
+
+def _motions(motion: Motion) -> tuple[Motion, ...]:
+    """Return the motion as it is, and with an angle in step or an acceleration by the angle."""
     if motion.angle_source != "velocity":
-        return motion
+        by_angle = angle_curvature(motion.time_s, motion.angle_rad)
+        return motion, replace(motion, acceleration_rad_s2=by_angle, acceleration_source="angle")
     velocity = np.where(motion.valid, motion.velocity_rad_s, 0.0)
-    period = float(np.median(np.diff(motion.time_s)))
-    half = 0.5 * period * (velocity - velocity[0])
-    moved = replace(
-        motion,
-        angle_rad=motion.angle_rad + half,
-        output_angle_rad=motion.output_angle_rad
-        + (half / motion.gear_ratio if motion.output_source == "motor" else 0.0),
-    )
-    left = []
-    for candidate in (motion, moved):
-        fixed, _, columns = baseline_columns(candidate, profile)
-        usable = motion.valid & np.isfinite(torque - fixed) & ~masked
-        design, response = columns[usable], (torque - fixed)[usable]
-        if len(response) <= design.shape[1]:
-            return motion
-        solution = np.linalg.lstsq(design, response, rcond=None)[0]
-        left.append(float(np.sum((response - design @ solution) ** 2)))
-    return moved if left[1] < left[0] else motion
+    half = 0.5 * float(np.median(np.diff(motion.time_s))) * (velocity - velocity[0])
+    output = half / motion.gear_ratio if motion.output_source == "motor" else 0.0
+    moved = replace(motion, angle_rad=motion.angle_rad + half)
+    return motion, replace(moved, output_angle_rad=motion.output_angle_rad + output)
+
+
+def _left_power(
+    motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
+) -> float:
+    """Return what baseline and friction leave of the torque, (N m)^2; infinite for too few."""
+    fixed, _, columns = baseline_columns(motion, profile)
+    speed = motion.velocity_rad_s
+    usable = motion.valid & np.isfinite(torque - fixed + speed) & ~masked
+    design = np.column_stack([columns, speed, np.sign(speed)])[usable]
+    response = (torque - fixed)[usable]
+    if len(response) <= design.shape[1]:
+        return np.inf
+    solution = np.linalg.lstsq(design, response, rcond=None)[0]
+    return float(np.mean((response - design @ solution) ** 2))
 
 
 def with_simulated(
