@@ -521,8 +521,12 @@ def torque_of(record: Record, bands: Bands) -> FloatArray:
 
 def fixed_of(record: Record, bands: Bands) -> FloatArray:
     """Return the transform of what the channel makes of the fixed torque."""
-    fixed = np.where(record.valid, record.fixed_nm, 0.0)
-    return np.asarray(bands.transform(fixed[:, None])[0])
+    fixed, load = record.fixed_nm, record.motion.load_torque_nm
+    behind = np.zeros(len(record))
+    if record.logged_nm is not None and load is not None:
+        fixed, behind = fixed - record.load * load, record.logged_nm
+    fixed, behind = (np.where(record.valid, x, 0.0)[:, None] for x in (fixed, behind))
+    return np.asarray((bands.transform(fixed) + bands.transform(behind, measured=True))[0])
 
 
 def scaled_rows(bands: Bands, columns: FloatArray) -> tuple[FloatArray, FloatArray]:

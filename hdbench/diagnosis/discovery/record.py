@@ -78,6 +78,8 @@ class Record:
         Samples that were not recorded: places on the clock in a gap of the stamps.
     referenced : bool
         Whether the motor angles of all records of a stack have one zero.
+    logged_nm : ndarray or None
+        Measured load times `load`, N m, where it was logged behind the low-pass of the torque.
     """
 
     motion: Motion
@@ -97,6 +99,7 @@ class Record:
     records: tuple[Record, ...] = ()
     added: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     referenced: bool = False
+    logged_nm: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.valid)
@@ -120,8 +123,8 @@ class Record:
     def behind(self, low_pass: LowPass | None) -> Record:
         """Return the record with a torque channel behind a low-pass.
 
-        Where the measured load was logged behind the same filter, it is what the filter makes of a
-        sharper one, which takes its place.
+        Where the measured load was logged behind the same filter, causes act on what the filter was
+        undone of; the load itself stands in the torque as it was logged.
         """
         found = replace(self, low_pass=low_pass, channel_known=True)
         load = self.motion.load_torque_nm
@@ -134,7 +137,8 @@ class Record:
             load_torque_nm=sharp,
             load_smooth_nm=None if smooth is None else low_pass.undone(smooth),
         )
-        return replace(found, motion=motion, fixed_nm=self.fixed_nm + self.load * (sharp - load))
+        fixed = self.fixed_nm + self.load * (sharp - load)
+        return replace(found, motion=motion, fixed_nm=fixed, logged_nm=self.load * load)
 
     @property
     def span_s(self) -> float:
