@@ -272,8 +272,7 @@ def searched(
 
 
 def _without(record: Record, spikes: NDArray[np.bool_]) -> Record:
-    again = replace(record, valid=record.valid & ~spikes)
-    return replace(again, columns=np.where(again.valid[:, None], record.columns, 0.0))
+    return replace(record, valid=record.valid & ~spikes)
 
 
 def _both_late(first: ResidualFaults, second: ResidualFaults) -> ResidualFaults:

@@ -6,9 +6,10 @@ from scipy.signal import butter, sosfiltfilt
 from swinging_shaft import trace_of
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.discovery.record import prepare_record, smoothed
+from hdbench.diagnosis.discovery.record import on_clock, prepare_record, smoothed
 from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile import load_profile
+from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
 COULOMB_NM, VISCOUS = 0.8, 0.006
@@ -93,3 +94,22 @@ def test_a_motion_that_the_torque_does_not_have_is_not_expected():
     record = prepare_record(without, PROFILE.data, model, no_mask)
     smooth = motion_from_trace(without, PROFILE.data).acceleration_rad_s2
     np.testing.assert_array_equal(record.motion.acceleration_rad_s2, smooth)
+
+
+def test_the_motion_of_lost_samples_is_interpolated_and_takes_no_part():
+    trace, _ = rippling_speed(1.5e-3, n=6000)
+    rng = np.random.default_rng(8)
+    lost = np.flatnonzero(rng.random(6000) < 0.03)[1:-1]
+    holed = trace.with_columns(
+        motor_angle_rad=np.where(np.isin(np.arange(6000), lost), np.nan, trace["motor_angle_rad"])
+    )
+    kept = np.delete(np.arange(6000), np.arange(3000, 3004))
+    gap = Trace({name: values[kept] for name, values in holed.columns.items()})
+    found, masked, added = on_clock(gap, np.zeros(len(kept), dtype=bool))
+    assert np.flatnonzero(added).tolist() == [3000, 3001, 3002, 3003]
+    assert np.flatnonzero(masked).tolist() == sorted({*lost.tolist(), 3000, 3001, 3002, 3003})
+    np.testing.assert_allclose(found.time_s, trace.time_s, atol=1e-9)
+    # the ripple turns by 1.4 rad over four samples, of which a chord misses 1.5e-3 (1 - cos 0.7);
+    # two steps of the encoder come to that
+    assert np.abs(found["motor_angle_rad"] - trace["motor_angle_rad"]).max() < 3.5e-4 + 2e-4
+    assert np.isnan(found["torque_nm"][3000:3004]).all()

@@ -186,9 +186,10 @@ class Bands:
         """
         from scipy.fft import dct
 
-        rows = self._bridged(np.array(columns.T, dtype=np.float64, order="C", ndmin=2))
-        if self.low_pass is not None and not measured:
-            rows = self._bridged(self._passed(rows))
+        rows = np.array(columns.T, dtype=np.float64, order="C", ndmin=2)
+        if not measured:
+            rows = self._passed(rows)
+        rows = self._bridged(rows)
         rows *= self.fade
         out = np.asarray(dct(rows, n=self.length, norm="ortho", axis=1, overwrite_x=True))
         return out[:, : self.size]
@@ -210,12 +211,12 @@ class Bands:
             long = _both_ways(self.low_pass, long[None, :])[0]
             # the last value went on
             long[len(column) - 1] += long[len(column) :].sum()
-            return self._unbridged(long[: len(column)])
+            return np.asarray(long[: len(column)])
         total = float(column.sum())
         column = np.asarray(sosfilt(self.low_pass.sections(), column[::-1]))[::-1].copy()
         # the filter begins at rest at the first sample
         column[0] += total - float(column.sum())
-        return self._unbridged(column)
+        return column
 
     def waves(self, rows: FloatArray) -> FloatArray:
         """Return what coefficients are in time, shape (k, n_samples)."""

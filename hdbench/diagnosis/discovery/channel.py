@@ -89,9 +89,9 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
     taken for the channel's.
     """
     motion = record.motion
-    speed = np.where(record.valid, motion.velocity_rad_s, 0.0)
+    speed = np.where(motion.valid, motion.velocity_rad_s, 0.0)
     largest = max(float(np.abs(speed).max()), 1e-12)
-    acceleration = np.where(record.valid, motion.acceleration_rad_s2, 0.0)
+    acceleration = np.where(motion.valid, motion.acceleration_rad_s2, 0.0)
     slow = np.column_stack([speed, np.tanh(_SHARP * speed / largest), acceleration])
     # no faster than an acceleration is known: a filter must gain nothing by taking their noise off
     share = min(1.0, record.period_s / ACCELERATION_WINDOW_S)

@@ -220,8 +220,7 @@ class Fit:
         # the first weights fall with frequency: a strong effect must not hide behind itself
         falling = np.maximum.accumulate(np.maximum(power, floor)[::-1])[::-1]
         spectrum = start or shapes.fit(falling, bands.counts)
-        fixed = np.where(record.valid, record.fixed_nm, 0.0)
-        fixed = fixed - fixed[record.valid].mean()
+        fixed = np.nan_to_num(record.fixed_nm - record.fixed_nm[record.valid].mean())
         moved = bands.power(bands.transform(fixed[:, None])[0])
         fit = cls.empty(record, bands, shapes, measured, spectrum, moved)
         rows, scale = scaled_rows(bands, record.columns)
@@ -525,7 +524,7 @@ def fixed_of(record: Record, bands: Bands) -> FloatArray:
     behind = np.zeros(len(record))
     if record.logged_nm is not None and load is not None:
         fixed, behind = fixed - record.load * load, record.logged_nm
-    fixed, behind = (np.where(record.valid, x, 0.0)[:, None] for x in (fixed, behind))
+    fixed, behind = (np.nan_to_num(x)[:, None] for x in (fixed, behind))
     return np.asarray((bands.transform(fixed) + bands.transform(behind, measured=True))[0])
 
 

@@ -65,7 +65,7 @@ _RATIOS = (0.4, 2.5)
 
 def _modulations(record: Record, waves: int) -> list[FloatArray]:
     """Return slow factors that an amplitude or a phase may follow."""
-    motion, valid = record.motion, record.valid
+    motion, valid = record.motion, record.motion.valid
     n = len(record)
     place = (np.arange(n) + 0.5) / n
     # a phase that wanders has half the power at twice the frequency
@@ -165,7 +165,7 @@ def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
 
     What has a plain form is a cause of its own, and no error of another one's form.
     """
-    motion, valid = record.motion, record.valid
+    motion, valid = record.motion, record.motion.valid
     speed = np.where(valid, motion.velocity_rad_s, 0.0)
     largest = max(float(np.abs(speed).max()), 1e-12)
     share = speed / largest
@@ -245,7 +245,7 @@ def form_rows(fit: Fit, part: int) -> FloatArray:
         directions = _directions(record, columns, linear, line, held.term)
     elif held.name == FIXED:
         motion = record.motion
-        torque = np.where(record.valid, motion.inertia_nm_s2 * motion.acceleration_rad_s2, 0.0)
+        torque = np.where(motion.valid, motion.inertia_nm_s2 * motion.acceleration_rad_s2, 0.0)
         torque = np.where(np.isfinite(torque), torque, 0.0)
         directions = _directions(record, torque[:, None], np.ones(1), False, None)
     else:
@@ -286,9 +286,10 @@ def _fast_angle(record: Record) -> FloatArray:
     """Return the fast part of the angle, rad: counting steps and noise of the encoder."""
     from scipy.ndimage import uniform_filter1d
 
-    angle = np.where(record.valid, record.motion.angle_rad, 0.0)
+    known = record.motion.valid
+    angle = np.where(known, record.motion.angle_rad, 0.0)
     smooth = uniform_filter1d(uniform_filter1d(angle, 9), 9)
-    fast = np.where(record.valid, angle - smooth, 0.0)
+    fast = np.where(known, angle - smooth, 0.0)
     spread = float(np.median(np.abs(fast))) / 0.6745
     return np.where(np.abs(fast) < 5.0 * spread, fast, 0.0)
 

@@ -229,7 +229,7 @@ def _sums(
     ):
         bands = one.bands
         weighted = bands.inverse(one.residual * bands.spread(1.0 / one.noise))
-        weighted = np.where(one.record.valid, weighted, 0.0)
+        weighted = np.where(one.record.motion.valid, weighted, 0.0)
         transform = scan.whole[at] if whole else part.transform
         norm = line_norms(one, part, np.ones((1, len(weighted))))[0]
         sums.append(transform(weighted))
@@ -430,7 +430,7 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
         return []
     (glance,) = glances(fit)
     weighted = fit.bands.inverse(glance.residual * fit.bands.spread(1.0 / glance.noise))
-    weighted = np.where(fit.record.valid, weighted, 0.0)
+    weighted = np.where(fit.record.motion.valid, weighted, 0.0)
     axes = axes_of(fit.record)
     found = []
     for axis in axes:

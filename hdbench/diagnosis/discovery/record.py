@@ -22,6 +22,8 @@ SAMPLED = "sampled-ripple"
 # cells of the short-time spectrum of an acceleration: so long, of so many samples at least, and
 # motion where the mean of nine has so many times the power of the noise
 _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
+# channels that are not interpolated
+TORQUES = ("torque_nm", "torque_v")
 # a pause of this share of the record's samples is no gap
 _PAUSE = 0.02
 # an inertia that is off by more is not the load's, nor is one that is less sure
@@ -149,26 +151,43 @@ class Record:
 def on_clock(
     trace: Trace, masked: NDArray[np.bool_]
 ) -> tuple[Trace, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return a trace with lost samples in the gaps of its stamps, and which were added.
+    """Return a trace whose motion is there at every tick, what takes no part, and what was added.
 
-    A filter and a delay go on through a gap. A pause of more than a fiftieth of the record stays.
+    A filter and a delay go on through gaps of the stamps and lost samples: the motion there is
+    interpolated, and the torque takes no part. A pause of more than a fiftieth of the record stays.
     """
     time = trace.time_s
     steps = np.diff(time) / np.median(np.diff(time))
     gap = (steps > GAP) & (steps < _PAUSE * len(time))
     counts = np.where(gap, np.round(steps).astype(int) - 1, 0)
-    if not counts.any():
-        return trace, masked, np.zeros(len(time), dtype=bool)
     places = np.arange(len(time)) + np.concatenate([[0], np.cumsum(counts)])
     added = np.ones(places[-1] + 1, dtype=bool)
     added[places] = False
-    columns = {name: np.full(len(added), np.nan) for name in trace.columns}
-    for name, values in trace.columns.items():
-        columns[name][places] = values
-    columns["time_s"] = np.interp(np.arange(len(added)), places, time)
-    more = np.zeros(len(added), dtype=bool)
-    more[places] = masked
-    return replace(trace, columns=columns), more, added
+    ticks = np.interp(np.arange(len(added)), places, time)
+    columns, lost = {"time_s": ticks}, added.copy()
+    for name in (n for n in trace.columns if n != "time_s"):
+        columns[name] = np.full(len(added), np.nan)
+        columns[name][places] = trace[name]
+        if name not in TORQUES:
+            known = np.isfinite(columns[name])
+            lost |= ~known
+            columns[name] = _filled(ticks, columns[name], known)
+    lost[places] |= masked
+    return replace(trace, columns=columns), lost, added
+
+
+def _filled(time_s: FloatArray, values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """Return a channel with its lost samples interpolated; before the first and after the last NaN.
+
+    Akima, Journal of the ACM 17 (1970) 589, doi:10.1145/321607.321609: a curve that does not
+    overshoot at a bend.
+    """
+    from scipy.interpolate import Akima1DInterpolator
+
+    if known.all() or int(known.sum()) < 2:
+        return values
+    curve = Akima1DInterpolator(time_s[known], values[known], method="makima")
+    return np.where(known, values, curve(time_s))
 
 
 def prepare_record(
@@ -228,7 +247,7 @@ def prepare_record(
         valid,
         fixed,
         names,
-        np.where(valid[:, None], columns, 0.0),
+        np.where(np.isfinite(columns), columns, 0.0),
         prior,
         period,
         load,
@@ -270,7 +289,7 @@ def as_followed(record: Record) -> Record:
     others = np.column_stack(
         [motion.angle_rad, motion.velocity_rad_s, np.cos(output), np.sin(output), expected]
     )
-    others = np.where(record.valid[:, None], others, 0.0)
+    others = np.where(motion.valid[:, None], others, 0.0)
     torque = bands.transform((record.response_nm + others[:, -1])[:, None], measured=True)[0]
     angle, *rows = bands.transform(others)
     asked, turns = bands.power(rows[-1]), bands.power(angle)
@@ -347,15 +366,14 @@ def _sharpened(motion: Motion, period_s: float) -> Motion:
 def _beyond_window(motion: Motion, period_s: float) -> FloatArray:
     """Return the derivative of the measured motion less the smooth acceleration, rad/s^2."""
     from scipy.fft import next_fast_len
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+    from scipy.interpolate import CubicHermiteSpline
 
     n = len(motion)
     by_angle = motion.acceleration_source == "angle"
     values = motion.angle_rad if by_angle else motion.velocity_rad_s
     both = np.column_stack([values, motion.acceleration_rad_s2])
     at = np.flatnonzero(np.isfinite(both).all(axis=1))
-    # lost samples are bridged, between the first and the last
-    held = CubicSpline(at, both[at])(np.clip(np.arange(n), at[0], at[-1]))
+    held = np.column_stack([np.interp(np.arange(n), at, one[at]) for one in both.T])
     # less a cubic with the same values and slopes at both ends, so that the mirrored ends meet
     ends = CubicHermiteSpline(
         [0.0, n - 1.0],
@@ -479,12 +497,10 @@ def with_simulated(
     record: Record, fitted_nm: FloatArray, slope_nm_per_rad: FloatArray, error_rad: FloatArray
 ) -> Record:
     """Return the record with a simulated torque, for causes that act on all of it."""
-    simulated = np.where(record.valid, record.fixed_nm + fitted_nm, np.nan)
-    slope = np.where(record.valid, slope_nm_per_rad, np.nan)
     motion = replace(
         record.motion,
-        simulated_nm=simulated,
-        ripple_slope_nm_per_rad=slope,
+        simulated_nm=record.fixed_nm + fitted_nm,
+        ripple_slope_nm_per_rad=slope_nm_per_rad,
         angle_error_rad=error_rad,
     )
     return replace(record, motion=motion)

@@ -47,13 +47,14 @@ class Term:
 
 
 def term_columns(term: Term, record: Record) -> FloatArray:
-    """Return the columns of a term, N m per unit of each linear parameter; 0 where not valid."""
-    motion, seen = record.motion, record.valid
+    """Return the columns of a term, N m per unit of each linear parameter; 0 where not known."""
+    motion = record.motion
+    columns = term.cause.columns(motion, term.shape)
+    seen = np.isfinite(columns)
     if term.cause.locked_to == "acceleration":
         floor = ABOVE_NOISE * motion.acceleration_noise_rad_s2
-        seen = seen & (np.abs(motion.acceleration_rad_s2) > floor)
-    columns = np.where(seen[:, None], term.cause.columns(motion, term.shape), 0.0)
-    columns = np.where(np.isfinite(columns), columns, 0.0)
+        seen &= (np.abs(motion.acceleration_rad_s2) > floor)[:, None]
+    columns = np.where(seen, columns, 0.0)
     return record.known_part(columns) if follows_motion(term.cause) else columns
 
 
