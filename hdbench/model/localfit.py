@@ -206,3 +206,23 @@ def _shifted(time: FloatArray, samples: FloatArray, delay: float) -> FloatArray:
     places = ((at - time[0]) / period)[None, :]
     out = map_coordinates(coefficients, places, order=_DEGREE, mode="mirror", prefilter=False)
     return np.asarray(out, dtype=np.float64)
+
+
+def filled(time_s: FloatArray, values: FloatArray, lost: NDArray[np.bool_]) -> FloatArray:
+    """Return a channel with some samples interpolated; NaN ahead of and behind all others.
+
+    Notes
+    -----
+    A curve that does not overshoot at a bend.
+
+    References
+    ----------
+    H. Akima, Journal of the ACM 17 (1970) 589, doi:10.1145/321607.321609.
+    """
+    from scipy.interpolate import Akima1DInterpolator
+
+    known = np.isfinite(values) & ~lost
+    if not lost.any() or int(known.sum()) < 2:
+        return values
+    curve = Akima1DInterpolator(time_s[known], values[known], method="makima")
+    return np.where(lost, curve(time_s), values)

@@ -30,6 +30,8 @@ def gauge_order_factor(drive: Drive) -> float:
     return 1.0 if drive.flexspline == "standing" else 1.0 + 1.0 / drive.gear_ratio
 
 
+# channels of the torque
+TORQUES = ("torque_nm", "torque_v")
 # window of the acceleration: 20 ms hold 21 samples at 1 kHz, which leaves J/N times the noise near
 # 1 mN m with the profile's tacho, and passes a 10 Hz motion to within 0.1 %
 ACCELERATION_WINDOW_S = 0.020

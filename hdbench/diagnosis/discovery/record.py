@@ -13,7 +13,8 @@ from hdbench.diagnosis.evidence import GAP
 from hdbench.estimation.bandwidth import spectrum_of
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.bench import expected_torque_nm
-from hdbench.model.motion import angle_curvature, torque_from_trace
+from hdbench.model.localfit import filled
+from hdbench.model.motion import TORQUES, angle_curvature, torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -22,8 +23,6 @@ SAMPLED = "sampled-ripple"
 # cells of the short-time spectrum of an acceleration: so long, of so many samples at least, and
 # motion where the mean of nine has so many times the power of the noise
 _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
-# channels that are not interpolated
-TORQUES = ("torque_nm", "torque_v")
 # a pause of this share of the record's samples is no gap
 _PAUSE = 0.02
 # an inertia that is off by more is not the load's, nor is one that is less sure
@@ -169,25 +168,11 @@ def on_clock(
         columns[name] = np.full(len(added), np.nan)
         columns[name][places] = trace[name]
         if name not in TORQUES:
-            known = np.isfinite(columns[name])
-            lost |= ~known
-            columns[name] = _filled(ticks, columns[name], known)
+            gone = ~np.isfinite(columns[name])
+            lost |= gone
+            columns[name] = filled(ticks, columns[name], gone)
     lost[places] |= masked
     return replace(trace, columns=columns), lost, added
-
-
-def _filled(time_s: FloatArray, values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Return a channel with its lost samples interpolated; before the first and after the last NaN.
-
-    Akima, Journal of the ACM 17 (1970) 589, doi:10.1145/321607.321609: a curve that does not
-    overshoot at a bend.
-    """
-    from scipy.interpolate import Akima1DInterpolator
-
-    if known.all() or int(known.sum()) < 2:
-        return values
-    curve = Akima1DInterpolator(time_s[known], values[known], method="makima")
-    return np.where(known, values, curve(time_s))
 
 
 def prepare_record(

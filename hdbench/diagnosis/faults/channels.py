@@ -22,7 +22,6 @@ from hdbench.diagnosis.faults.shaft import (
     without_faults,
 )
 from hdbench.diagnosis.faults.stamps import (
-    MEASURED,
     held_samples,
     lost_samples,
     repeated_rows,
@@ -30,7 +29,8 @@ from hdbench.diagnosis.faults.stamps import (
 from hdbench.diagnosis.faults.tacho import find_tacho_ripple
 from hdbench.diagnosis.faults.units import check_channels, expected_nm
 from hdbench.model import BenchModel, baseline_orders
-from hdbench.model.motion import torque_from_trace
+from hdbench.model.localfit import filled
+from hdbench.model.motion import TORQUES, torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import StretchFlag
@@ -58,8 +58,8 @@ def inspect_channels(
     held = (stale | held_samples(torque, 0.0, CHANCE)) & ~(clipped | stuck)
     masked = clipped | stuck | held
     # a row that was held says nothing of the motion, either
-    lost_too = [name for name in (*MEASURED, *ANGLES, "output_angle_rad") if name in trace]
-    trace = trace.with_columns(**{n: np.where(stale, np.nan, trace[n]) for n in lost_too})
+    other = [n for n in trace.columns if n not in ("time_s", "stage", *TORQUES)]
+    trace = trace.with_columns(**{n: filled(trace.time_s, trace[n], stale) for n in other})
     moving, repaired, derived = _moving(trace, profile, np.where(masked, np.nan, torque))
     if any(one.false_alarm_probability >= alpha for one in moving):
         moving, repaired = (), trace

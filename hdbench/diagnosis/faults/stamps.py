@@ -15,6 +15,7 @@ from hdbench.diagnosis.faults.scatter import (
     smallest_step,
     tail_nats,
 )
+from hdbench.model.motion import TORQUES
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
@@ -23,10 +24,10 @@ _BESIDE = 7
 # changes on each side that tell how a channel moves, and a chance of no change that tells
 _NEAR, _RARE = 5, 0.03
 # channels that tell what the bench measured at a moment
-_TOLD = ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v")
-MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
+_TOLD = (*TORQUES, "motor_velocity_rad_s", "tacho_v")
+_MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
 
-# a shaft turns on if it turned by more than so many steps of its angle before and after a row
+# a shaft turned on through a row if it turned by more than so many steps of its angle after it
 _TURNS = 3.0
 
 
@@ -87,7 +88,7 @@ def repeated_rows(trace: Trace, angle: FloatArray | None) -> NDArray[np.bool_]:
         return repeated
     moves = np.diff(angle)
     same = moves == 0.0
-    for other in MEASURED:
+    for other in _MEASURED:
         if other in trace and same.any():
             same &= np.diff(trace[other]) == 0.0
     if not same.any():
@@ -96,7 +97,7 @@ def repeated_rows(trace: Trace, angle: FloatArray | None) -> NDArray[np.bool_]:
     for first, last in mask_runs(same):
         before, after = moves[max(first - 1, 0)], moves[min(last + 1, len(moves) - 1)]
         # a shaft that starts, stops or turns back within the row moves on one side alone
-        if min(before * after, abs(before) - least, abs(after) - least) > 0.0:
+        if before * after > 0.0 and abs(after) > least:
             repeated[first + 1 : last + 2] = True
     return repeated
 

@@ -26,10 +26,10 @@ from hdbench.diagnosis.inspection.result import (
 from hdbench.estimation.bandwidth import Spectrum, spectrum_of
 from hdbench.importing.convert import unlike_pace
 from hdbench.importing.units import unit_scale
+from hdbench.model.motion import TORQUES
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-_TORQUES = ("torque_nm", "torque_v")
 # a stamp that is off by one period turns a wave at half the Nyquist frequency by so many times its
 # size: pi / 2 of the error of one stamp, 1 / sqrt(2) of that of a step
 _TURNED = np.pi / 2.0 / np.sqrt(2.0)
@@ -227,7 +227,7 @@ def _derived(
         noisy = angle is not None and angle.limit_hz is None
         if noisy and same_to_the_end(_pace(shaft), shaft.velocity_rad_s, rate, limit):
             yield log.roles[pair[0]], log.roles[pair[1]]
-    torque = next((log.roles[n] for n in _TORQUES if n in log.roles), None)
+    torque = next((log.roles[n] for n in TORQUES if n in log.roles), None)
     current = log.roles.get("motor_current_a")
     if not torque or not current or torque == current:
         return
