@@ -58,13 +58,15 @@ def test_lost_samples_are_bridged_by_straight_lines():
     np.testing.assert_allclose(found, full.transform(bridged[:, None])[0], atol=1e-10)
 
 
-@pytest.mark.parametrize("kind", ["full", "lossy", "lossy, both ways", "lossy, with delay"])
+@pytest.mark.parametrize(
+    "kind", ["full", "lossy", "lossy, both ways", "lossy, with delay", "lossy, delay ahead"]
+)
 def test_the_inverse_is_the_transpose(kind):
     n = 331
     share = 1.0 if kind == "full" else 0.5
     bands = make_bands(np.ones(n, dtype=bool) if kind == "full" else lossy(n), PERIOD_S, share)
     if "," in kind:
-        bands = bands.low_passed(LowPass(0.15, causal="delay" in kind))
+        bands = bands.low_passed(LowPass(0.15, causal="delay" in kind, analog="ahead" in kind))
     # row i is the transform of the i-th unit vector
     matrix = bands.transform(np.eye(n))
     row = np.random.default_rng(3).standard_normal(bands.size)
@@ -100,6 +102,19 @@ def test_a_filter_goes_on_through_lost_samples(causal):
     found, measured = bands.transform(wave[:, None])[0], bands.transform(lost, measured=True)[0]
     # both ends of the filters differ
     assert np.std(found - measured) < 0.01 * np.std(measured)
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_a_filter_ahead_of_the_sampling_bends_no_frequencies(causal):
+    # 200 samples/s of a torque that was filtered at 10 kHz: a tone at 0.8 of Nyquist's frequency
+    fine = np.arange(200_000) * 1e-4
+    wave = np.cos(2.0 * np.pi * 80.0 * fine) * np.exp(-((fine - 10.0) ** 2) / 8.0)
+    run = sosfilt if causal else sosfiltfilt
+    stored = run(butter(2, 48.0, fs=1e4, output="sos"), wave)[::50]
+    analog, sampled = (LowPass(0.48, causal=causal, analog=kind) for kind in (True, False))
+    np.testing.assert_allclose(analog.applied(wave[::50]), stored, atol=2e-3)
+    # one of samples has a zero at Nyquist's frequency
+    assert np.abs(sampled.applied(wave[::50])).max() < 0.5 * np.abs(stored).max()
 
 
 def test_bands_cover_the_coefficients_and_count_what_is_independent():

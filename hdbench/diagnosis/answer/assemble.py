@@ -249,6 +249,7 @@ def _low_pass(fit: Fit) -> dict[str, object] | None:
         "corner_hz": found.corner * 0.5 / fit.record.period_s,
         "order": found.order,
         "delayed": found.causal,
+        "ahead_of_sampling": found.analog,
         "load_too": found.load,
     }
 

@@ -36,12 +36,15 @@ class LowPass:
         Whether it has the delay of a filter that runs once; without one it runs both ways.
     load : bool
         Whether the measured load was logged behind the same filter.
+    analog : bool
+        Whether it ran ahead of the sampling: it bends no frequencies, as one of samples does.
     """
 
     corner: float
     order: int = 2
     causal: bool = False
     load: bool = False
+    analog: bool = False
 
     def sections(self) -> FloatArray:
         """Return the filter in sections of second order, shape (sections, 6)."""
@@ -55,11 +58,9 @@ class LowPass:
 
     def applied(self, values: FloatArray) -> FloatArray:
         """Return what the filter makes of `values`; one with a delay begins at rest; NaN stays."""
-        from scipy.signal import sosfilt
-
         known, held = _bridged(values)
         if self.causal:
-            made = held[0] + sosfilt(self.sections(), held - held[0])
+            made = held[0] + _once(self, (held - held[0])[None, :])[0]
         else:
             made = self._shaped(held, lambda gain: gain)
         return np.where(known, made, np.nan)
@@ -87,9 +88,13 @@ class LowPass:
 # many columns of one record go through the same filter
 @lru_cache(maxsize=4)
 def _gain(low_pass: LowPass, count: int, whole: int) -> NDArray[np.complex128]:
-    from scipy.signal import sosfreqz
+    from scipy.signal import butter, freqs, sosfreqz
 
-    once = np.asarray(sosfreqz(low_pass.sections(), np.pi * (np.arange(count) / whole))[1])
+    share = np.arange(count) / whole
+    if low_pass.analog:
+        once = np.asarray(freqs(*butter(low_pass.order, low_pass.corner, analog=True), share)[1])
+    else:
+        once = np.asarray(sosfreqz(low_pass.sections(), np.pi * share)[1])
     return once if low_pass.causal else np.abs(once) ** 2 + 0j
 
 
@@ -120,6 +125,20 @@ def _bridged(values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
     """Return which values are known, and all of them with lost ones on straight lines."""
     known = np.isfinite(values)
     return known, np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
+
+
+def _once(low_pass: LowPass, rows: FloatArray) -> FloatArray:
+    """Return rows behind a filter that runs once, from rest."""
+    from scipy.fft import irfft, next_fast_len, rfft
+    from scipy.signal import sosfilt
+
+    if not low_pass.analog:
+        return np.asarray(sosfilt(low_pass.sections(), rows, axis=1))
+    # as long again, so that the end does not run into the beginning
+    half = int(next_fast_len(rows.shape[1], real=True))
+    lines = rfft(rows, n=2 * half, axis=1)
+    lines *= low_pass.gain(half + 1, half)
+    return np.asarray(irfft(lines, n=2 * half, axis=1)[:, : rows.shape[1]])
 
 
 def _both_ways(low_pass: LowPass, rows: FloatArray) -> FloatArray:
@@ -197,7 +216,6 @@ class Bands:
     def inverse(self, row: FloatArray) -> FloatArray:
         """Return what the transform of a column makes of coefficients: its transpose."""
         from scipy.fft import idct
-        from scipy.signal import sosfilt
 
         whole = np.zeros(self.length)
         whole[: self.size] = row
@@ -213,7 +231,7 @@ class Bands:
             long[len(column) - 1] += long[len(column) :].sum()
             return np.asarray(long[: len(column)])
         total = float(column.sum())
-        column = np.asarray(sosfilt(self.low_pass.sections(), column[::-1]))[::-1].copy()
+        column = _once(self.low_pass, column[None, ::-1])[0, ::-1].copy()
         # the filter begins at rest at the first sample
         column[0] += total - float(column.sum())
         return column
@@ -240,14 +258,12 @@ class Bands:
 
     def _passed(self, rows: FloatArray) -> FloatArray:
         """Return rows as the channel passes them; a filter with a delay begins at rest."""
-        from scipy.signal import sosfilt
-
         low_pass = self.low_pass
         if low_pass is None:
             return rows
         if low_pass.causal:
             first = rows[:, :1]
-            return np.asarray(first + sosfilt(low_pass.sections(), rows - first, axis=1))
+            return first + _once(low_pass, rows - first)
         return _both_ways(low_pass, _lengthened(rows))[:, : rows.shape[1]].copy()
 
     def _bridged(self, rows: FloatArray) -> FloatArray:

@@ -34,12 +34,18 @@ _FALLS, _FLAT, _SHORT = 0.3, 0.15, 40_000
 # corners that are tried then, relative to Nyquist, the highest, and kinds that are tuned
 _WIDE_CORNERS = np.geomspace(0.01, 0.8, 7)
 _HIGHEST, _TUNED = 0.95, 2
-# order of a low-pass, and whether it has a delay
-_KINDS = ((2, False), (2, True), (4, False))
+# order of a low-pass, whether it has a delay, and whether it ran ahead of the sampling
+_KINDS = (
+    (2, False, False),
+    (2, True, False),
+    (4, False, False),
+    (2, False, True),
+    (2, True, True),
+)
 # dry friction turns over within a hundredth of the largest speed
 _SHARP = 100.0
-# a low-pass is one of up to 42 that are tried, and is seldom: 25 to 1
-LOW_PASS_PRICE = 7.0
+# a low-pass is one of up to 70 that are tried, and is seldom: 25 to 1
+LOW_PASS_PRICE = 7.5
 # name of a delay in the catalogue
 DELAY = "time-skew"
 # two channels of one log are seldom further apart than this, s; within it, delays from which the
@@ -112,10 +118,17 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
         return fit.likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
 
     loads = (False, True) if record.load != 0.0 else (False,)
-    tried = [LowPass(c, *kind, load) for kind in _KINDS for load in loads for c in corners]
+    tried = [
+        LowPass(c, order, causal, load, analog)
+        for order, causal, analog in _KINDS
+        for load in loads
+        for c in corners
+    ]
     ranked = sorted(tried, key=value, reverse=True)
     step = float(corners[1] / corners[0])
-    best = max((_tuned(one, value, step) for one in _unlike(ranked)[:_TUNED]), key=value)
+    nearer = [_nearer(one, value, step) for one in _unlike(ranked)]
+    likely = sorted(nearer, key=value, reverse=True)[:_TUNED]
+    best = max((_tuned(one, value, step) for one in likely), key=value)
     none = value(None)
     if best.causal:
         # a filter that runs once delays the torque, which a later reading does too
@@ -125,24 +138,31 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
 
 def _unlike(ranked: Sequence[LowPass]) -> list[LowPass]:
     """Return the first low-pass of each kind."""
-    found: dict[tuple[int, bool, bool], LowPass] = {}
+    found: dict[tuple[int, bool, bool, bool], LowPass] = {}
     for one in ranked:
-        found.setdefault((one.order, one.causal, one.load), one)
+        found.setdefault((one.order, one.causal, one.load, one.analog), one)
     return list(found.values())
+
+
+def _moved(start: LowPass, factor: float) -> LowPass:
+    """Return a low-pass with its corner moved."""
+    return replace(start, corner=float(min(start.corner * factor, _HIGHEST)))
+
+
+def _nearer(start: LowPass, value: Callable[[LowPass], float], step: float) -> LowPass:
+    """Return a low-pass at the likeliest of three corners half a step apart."""
+    return max((_moved(start, step**half) for half in (-0.5, 0.0, 0.5)), key=value)
 
 
 def _tuned(start: LowPass, value: Callable[[LowPass], float], step: float) -> LowPass:
     """Return a low-pass at its likeliest corner between those that were tried beside it."""
     from scipy.optimize import minimize_scalar
 
-    def at(ratio: float) -> LowPass:
-        return replace(start, corner=float(min(start.corner * step**ratio, _HIGHEST)))
-
     found = minimize_scalar(
-        lambda ratio: -value(at(ratio)), bounds=(-1.0, 1.0), method="bounded",
+        lambda ratio: -value(_moved(start, step**ratio)), bounds=(-0.5, 0.5), method="bounded",
         options={"xatol": 0.02},
     )  # fmt: skip
-    return max((start, at(found.x)), key=value)
+    return max((start, _moved(start, step**found.x)), key=value)
 
 
 @dataclass(frozen=True, slots=True)
