@@ -25,8 +25,6 @@ SAMPLED = "sampled-ripple"
 _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
 # a pause of this share of the record's samples is no gap
 _PAUSE = 0.02
-# an inertia that is off by more is not the load's, nor is one that is less sure
-_OFF, _SURE = 0.5, 10.0
 # lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
 # and those between and above have an amplitude of their own, if this share of the turns is there; a
 # spline through these follows filters of up to eighth order to a thousandth
@@ -191,26 +189,23 @@ def prepare_record(
 
     An angle that is integrated from the velocity by the contract's rule lies half a sample behind
     the shaft wherever the speed changes, and a velocity channel may be smoothed or late. Where the
-    baseline fits better with the half sample put back, or the acceleration by the
-    measured angle, that is used.
+    baseline fits better with the half sample put back, the acceleration by the measured angle, or
+    what the motion holds beyond the window of the acceleration, that is used.
     """
     torque = torque_from_trace(trace, profile)
-    motion = _likeliest(motion_from_trace(trace, profile), profile, torque, masked)
     change = change or BaselineChange()
+    motion = motion_from_trace(trace, profile)
+    period = float(np.median(np.diff(motion.time_s)))
+    usable = motion.valid & np.isfinite(torque) & ~masked
+    passed = _passed(motion.velocity_rad_s, torque, usable, period)
+    motions = _motions(motion)
+    if "expected-torque" not in change.without and passed == 1.0:
+        motions += tuple(_sharpened(one, period) for one in motions)
+    motion = min(motions, key=lambda one: _left_power(one, profile, torque, masked))
     load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
     whole_turn = "misalignment:cosine" in names
     fixed, names, columns = change.apply(motion, fixed, names, columns)
-    steps = np.diff(motion.time_s)
-    period = float(np.median(steps))
-    usable = motion.valid & np.isfinite(torque - fixed) & ~masked
-    passed = _passed(motion.velocity_rad_s, torque, usable, period)
-    if "expected-torque" not in change.without and passed == 1.0:
-        sharp = _sharpened(motion, period)
-        expected = expected_torque_nm(sharp, motion.inertia_nm_s2)
-        other = fixed + expected - expected_torque_nm(motion, motion.inertia_nm_s2)
-        if _is_followed(motion, (torque - other)[usable], expected, columns, usable):
-            motion, fixed = sharp, other
     names, columns = _sampled_lines(motion, period, names, columns)
     prior = np.full(len(names), np.inf)
     if not whole_turn and "misalignment" not in change.without:
@@ -223,7 +218,7 @@ def prepare_record(
         prior = np.append(prior, [size, size])
     valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
     valid &= np.isfinite(columns).all(axis=1)
-    starts = np.concatenate([[True], steps > GAP * period])
+    starts = np.concatenate([[True], np.diff(motion.time_s) > GAP * period])
     if passed < 1.0:
         fixed = smoothed(fixed[:, None], passed)[:, 0]
     return Record(
@@ -298,30 +293,6 @@ def as_followed(record: Record) -> Record:
     new = replace(motion, acceleration_rad_s2=acceleration)
     change = expected_torque_nm(new, motion.inertia_nm_s2) - expected
     return replace(record, motion=new, fixed_nm=record.fixed_nm + change)
-
-
-def _is_followed(
-    motion: Motion,
-    left: FloatArray,
-    expected: FloatArray,
-    columns: FloatArray,
-    usable: NDArray[np.bool_],
-) -> bool:
-    """Return whether the torque has the expected torque, so that the inertia can be believed."""
-    speed = np.where(usable, motion.velocity_rad_s, 0.0)
-    largest = max(float(np.abs(speed).max()), 1e-12)
-    others = [columns, speed, np.tanh(speed / (0.01 * largest)), expected]
-    design = np.column_stack(others)[usable]
-    size = np.sqrt(np.mean(design**2, axis=0))
-    if len(left) <= 2 * design.shape[1] or not size[-1] > 0.0:
-        return False
-    design = design / np.where(size > 0.0, size, 1.0)
-    matrix = design.T @ design
-    amounts = np.linalg.lstsq(matrix, design.T @ left, rcond=1e-9)[0]
-    scatter = float(np.std(left - design @ amounts))
-    std = scatter * float(np.sqrt(np.linalg.pinv(matrix, hermitian=True)[-1, -1]))
-    off = abs(float(amounts[-1]))
-    return off < _OFF * float(size[-1]) and _SURE * std < float(size[-1])
 
 
 def _sharpened(motion: Motion, period_s: float) -> Motion:
@@ -442,13 +413,6 @@ def _load_share(
     both = np.column_stack([(torque - fixed)[usable], load])
     left = both - design @ np.linalg.lstsq(design, both, rcond=None)[0]
     return min((1.0, 0.0, -1.0), key=lambda x: float(np.sum((left[:, 0] - x * left[:, 1]) ** 2)))
-
-
-def _likeliest(
-    motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
-) -> Motion:
-    """Return the motion, of those that the channels allow, with which the baseline leaves least."""
-    return min(_motions(motion), key=lambda one: _left_power(one, profile, torque, masked))
 
 
 def _motions(motion: Motion) -> tuple[Motion, ...]:
