@@ -6,6 +6,8 @@ from scipy.signal import butter, sosfiltfilt
 from swinging_shaft import trace_of
 
 from hdbench.diagnosis import diagnose_trace
+from hdbench.diagnosis.discovery.bands import LowPass, make_bands
+from hdbench.diagnosis.discovery.fit import fixed_of
 from hdbench.diagnosis.discovery.record import on_clock, prepare_record, smoothed
 from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile import load_profile
@@ -113,3 +115,32 @@ def test_the_motion_of_lost_samples_is_interpolated_and_takes_no_part():
     # two steps of the encoder come to that
     assert np.abs(found["motor_angle_rad"] - trace["motor_angle_rad"]).max() < 3.5e-4 + 2e-4
     assert np.isnan(found["torque_nm"][3000:3004]).all()
+
+
+def test_an_acceleration_is_by_the_angle_where_the_velocity_is_late():
+    trace, acceleration = rippling_speed(1.5e-3)
+    late = np.convolve(trace["motor_velocity_rad_s"], np.full(31, 1.0 / 31.0))[: len(acceleration)]
+    smooth = trace.with_columns(motor_velocity_rad_s=late)
+    # by scatter alone the smoothed velocity is the better one
+    assert motion_from_trace(smooth, PROFILE.data).acceleration_source == "velocity"
+    no_mask = np.zeros(len(acceleration), dtype=bool)
+    model = BenchModel.from_profile(PROFILE.data)
+    assert (
+        prepare_record(smooth, PROFILE.data, model, no_mask).motion.acceleration_source == "angle"
+    )
+
+
+def test_a_load_that_was_logged_behind_the_filter_stands_as_it_was_logged():
+    trace, _ = rippling_speed(1.5e-3, n=4000)
+    load = 5.0 * np.tanh((trace.time_s - 2.0) / 0.01)
+    both = trace.with_columns(torque_nm=trace["torque_nm"] + load, load_torque_nm=load)
+    masked = np.random.default_rng(2).random(4000) < 0.04
+    model = BenchModel.from_profile(PROFILE.data)
+    low_pass = LowPass(0.1, causal=True, load=True)
+    fixed = []
+    for one in (both, trace):
+        record = prepare_record(one, PROFILE.data, model, masked).behind(low_pass)
+        bands = make_bands(record.valid, record.period_s).low_passed(low_pass)
+        fixed.append(fixed_of(record, bands))
+    logged = bands.transform(load[:, None], measured=True)[0]
+    np.testing.assert_allclose(fixed[0] - fixed[1], logged, atol=1e-6 * np.abs(logged).max())
