@@ -222,7 +222,9 @@ def _without_own_current(inspected: Inspected, profile: Profile) -> Inspected:
     trace = inspected.trace
     if "motor_current_a" not in trace or inspected.reason:
         return inspected
-    if not same_noise(torque_from_trace(trace, profile.data), trace["motor_current_a"]):
+    # where the torque is masked the current may be interpolated
+    torque = np.where(inspected.masked, np.nan, torque_from_trace(trace, profile.data))
+    if not same_noise(torque, trace["motor_current_a"]):
         return inspected
     kept = {k: v for k, v in trace.columns.items() if k != "motor_current_a"}
     derived = (*inspected.derived, ("torque_nm", "motor_current_a"))

@@ -8,10 +8,11 @@ from functools import cache
 
 import numpy as np
 
+from hdbench.diagnosis.discovery.acceleration import smoothed
 from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
 from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
 from hdbench.diagnosis.discovery.moments import solve
-from hdbench.diagnosis.discovery.record import Record, smoothed
+from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.evidence import chi2_tail
 from hdbench.model.motion import ACCELERATION_WINDOW_S

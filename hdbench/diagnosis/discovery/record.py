@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.discovery.acceleration import accelerations, shaped, smoothed
 from hdbench.diagnosis.discovery.bands import SLOW_SHARE, LowPass, make_bands
 from hdbench.diagnosis.discovery.baseline import BaselineChange
 from hdbench.diagnosis.evidence import GAP
@@ -20,9 +21,6 @@ from hdbench.records.trace import FloatArray, Trace
 
 # name of the columns of a ripple whose lines were sampled too seldom to be followed
 SAMPLED = "sampled-ripple"
-# cells of the short-time spectrum of an acceleration: so long, of so many samples at least, and
-# motion where the mean of nine has so many times the power of the noise
-_CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
 # a pause of this share of the record's samples is no gap
 _PAUSE = 0.02
 # lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
@@ -190,7 +188,7 @@ def prepare_record(
     An angle that is integrated from the velocity by the contract's rule lies half a sample behind
     the shaft wherever the speed changes, and a velocity channel may be smoothed or late. Where the
     baseline fits better with the half sample put back, the acceleration by the measured angle, or
-    what the motion holds beyond the window of the acceleration, that is used.
+    none of it beyond 50 Hz, that is used.
     """
     torque = torque_from_trace(trace, profile)
     change = change or BaselineChange()
@@ -200,7 +198,7 @@ def prepare_record(
     passed = _passed(motion.velocity_rad_s, torque, usable, period)
     motions = _motions(motion)
     if "expected-torque" not in change.without and passed == 1.0:
-        motions += tuple(_sharpened(one, period) for one in motions)
+        motions = tuple(found for one in motions for found in accelerations(one, period))
     motion = min(motions, key=lambda one: _left_power(one, profile, torque, masked))
     load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
@@ -293,79 +291,6 @@ def as_followed(record: Record) -> Record:
     new = replace(motion, acceleration_rad_s2=acceleration)
     change = expected_torque_nm(new, motion.inertia_nm_s2) - expected
     return replace(record, motion=new, fixed_nm=record.fixed_nm + change)
-
-
-def _sharpened(motion: Motion, period_s: float) -> Motion:
-    """Return the motion with what its channel holds of the acceleration beyond its window.
-
-    A cell of the short-time spectrum takes part where it stands out of the channel's noise, which
-    is even over the frequencies of what was differentiated: a line that the speed moves is kept,
-    the noise beside it is not.
-    """
-    from scipy.ndimage import uniform_filter
-    from scipy.signal import ShortTimeFFT
-
-    width = max(_LEAST_CELL, round(_CELL_S / period_s))
-    if len(motion) < 2 * width:
-        return motion
-    cells = ShortTimeFFT.from_window("hann", 1.0 / period_s, width, 3 * width // 4)
-    seen = cells.stft(_beyond_window(motion, period_s))
-    degree = 2 if motion.acceleration_source == "angle" else 1
-    power = np.abs(seen) ** 2 / np.maximum(cells.f, cells.f[1])[:, None] ** (2 * degree)
-    # the median of the upper octave: lines stand in few cells; that of an exponential is ln 2
-    noise = float(np.median(power[cells.f > 0.5 * cells.f[-1]])) / np.log(2.0)
-    kept = uniform_filter(power, 3) > _STANDS_OUT * noise
-    fast = np.real(cells.istft(np.where(kept, seen, 0.0), k1=len(motion)))
-    return replace(motion, acceleration_rad_s2=motion.acceleration_rad_s2 + fast)
-
-
-def _beyond_window(motion: Motion, period_s: float) -> FloatArray:
-    """Return the derivative of the measured motion less the smooth acceleration, rad/s^2."""
-    from scipy.fft import next_fast_len
-    from scipy.interpolate import CubicHermiteSpline
-
-    n = len(motion)
-    by_angle = motion.acceleration_source == "angle"
-    values = motion.angle_rad if by_angle else motion.velocity_rad_s
-    both = np.column_stack([values, motion.acceleration_rad_s2])
-    at = np.flatnonzero(np.isfinite(both).all(axis=1))
-    held = np.column_stack([np.interp(np.arange(n), at, one[at]) for one in both.T])
-    # less a cubic with the same values and slopes at both ends, so that the mirrored ends meet
-    ends = CubicHermiteSpline(
-        [0.0, n - 1.0],
-        held[[0, -1], 0],
-        [np.diff(held[:9, 0]).mean(), np.diff(held[-9:, 0]).mean()],
-    )
-    degree = 2 if by_angle else 1
-    held[:, 1] -= ends(np.arange(n), degree) / period_s**degree
-    held[:, 0] -= ends(np.arange(n))
-    size = int(next_fast_len(n, real=True))
-    padded = np.pad(held, ((0, size - n), (0, 0)), mode="edge")
-    lines = np.fft.rfft(np.concatenate([padded, padded[::-1]]), axis=0)
-    turn = 2j * np.pi * np.arange(len(lines)) / (2.0 * size * period_s)
-    return np.fft.irfft(lines[:, 0] * turn**degree - lines[:, 1], 2 * size)[:n]
-
-
-def smoothed(columns: FloatArray, share: float) -> FloatArray:
-    """Return columns without what is faster than `share` of the Nyquist frequency; NaN stays.
-
-    The octave below fades.
-    """
-    place = np.linspace(0.5, 1.0, 65) * share
-    fade = np.clip(2.0 * (share - place) / share, 0.0, 1.0)
-    return shaped(columns, (place, 0.5 - 0.5 * np.cos(np.pi * fade)))
-
-
-def shaped(columns: FloatArray, gain: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Return columns times a gain at frequencies relative to the Nyquist frequency; NaN stays."""
-    from scipy.fft import dct, idct, next_fast_len
-
-    known = np.isfinite(columns)
-    count = len(columns)
-    size = int(next_fast_len(count, real=True))
-    rows = dct(np.where(known, columns, 0.0), n=size, axis=0, norm="ortho")
-    rows *= np.interp(np.arange(size) / size, *gain)[:, None]
-    return np.where(known, idct(rows, axis=0, norm="ortho")[:count], np.nan)
 
 
 def _sampled_lines(
