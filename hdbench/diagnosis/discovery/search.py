@@ -654,13 +654,19 @@ class Search:
         return self.fit.beside(part, *(() if part in tables else tables))
 
     def evidence_of(self, part: int) -> float:
-        """Return the evidence of an accepted cause beside all others, nats."""
-        fit = self.fit
+        """Return the evidence of an accepted cause beside all others, nats.
+
+        For a name it is the larger one of that beside tables and that without them.
+        """
+        fit, tables = self.fit, self.fit.tables()
         term = fit.term(part)
-        beside = self.beside_names(part)
-        base = settled(beside, fit)
-        start = candidate_of(beside, fit.record, term, fit.parts[part].trials, 0.0)
-        return weighed(beside, fit.record, start, fit.shapes, base).evidence_nats
+        found = []
+        for others in ((), tables) if tables and part not in tables else ((),):
+            beside = fit.beside(part, *others)
+            start = candidate_of(beside, fit.record, term, fit.parts[part].trials, 0.0)
+            base = settled(beside, fit)
+            found.append(weighed(beside, fit.record, start, fit.shapes, base).evidence_nats)
+        return max(found)
 
 
 def _best_formed(fit: Fit, last: int) -> Fit:
