@@ -54,7 +54,7 @@ class Axis:
     period: float = 0.0
 
     def hats(self, count: int) -> FloatArray:
-        """Return piecewise-linear functions over about `count` of the knots."""
+        """Return smooth functions over about `count` of the knots."""
         return self._hats(self.values, self._picked(count))
 
     def levels(self, count: int) -> list[FloatArray]:
@@ -68,12 +68,18 @@ class Axis:
         return np.asarray(self.knots[pick])
 
     def _hats(self, values: FloatArray, knots: FloatArray) -> FloatArray:
-        """Return piecewise-linear functions over knots at some values."""
+        """Return smooth functions that are one at a knot and zero at all others, at some values."""
+        from scipy.interpolate import CubicSpline
+
         eye = np.eye(len(knots))
         if self.period:
             values, knots = np.mod(values, self.period), np.append(knots, knots[0] + self.period)
-            eye = np.hstack([eye, eye[:, :1]])
-        return np.stack([np.interp(values, knots, row) for row in eye], 1)
+            curves = CubicSpline(knots, np.vstack([eye, eye[:1]]), bc_type="periodic")
+        else:
+            curves = CubicSpline(knots, eye, bc_type="natural")
+        known = np.isfinite(values)
+        inside = np.clip(np.where(known, values, knots[0]), knots[0], knots[-1])
+        return np.where(known[:, None], curves(inside), np.nan)
 
 
 @dataclass(frozen=True, slots=True)
