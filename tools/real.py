@@ -16,6 +16,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -185,6 +186,8 @@ def main() -> int:
     place = os.environ.get("HDBENCH_DATA")
     if not place or not (Path(place) / "real" / "truth.json").exists():
         sys.exit("HDBENCH_DATA names no folder with real/truth.json; set it to that of the records")
+    if find_spec("rosbags") is None:
+        sys.exit("rosbags is not installed; needed for the UR10: pip install -e .[logs]")
     data = Path(place).resolve()
     truth = json.loads((data / "real" / "truth.json").read_text())
     lines = [_HEAD]
