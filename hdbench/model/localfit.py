@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hdbench.records.trace import FloatArray
 
 # a window of fewer samples than this has next to no averaging left for the degrees used here
-_MIN_HALF_WIDTH = 3
+MIN_HALF_WIDTH = 3
 # time stamps this close to a uniform grid (relative to the period) move a derivative by as little
 _UNIFORM = 1e-6
 # a step longer than this many median periods is a gap: at most two samples are missing inside a fit
@@ -91,7 +91,7 @@ def _stretches(time_s: FloatArray, values: FloatArray) -> Iterator[tuple[NDArray
 
 
 def _half_width(window_s: float, period_s: float) -> int:
-    return max(round(0.5 * window_s / period_s), _MIN_HALF_WIDTH)
+    return max(round(0.5 * window_s / period_s), MIN_HALF_WIDTH)
 
 
 def _rows(offsets: FloatArray, degree: int, derivative: int) -> tuple[FloatArray, FloatArray]:

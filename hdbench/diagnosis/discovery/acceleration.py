@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdbench.diagnosis.discovery.bands import mirrored_lines, smoothed
 from hdbench.model import Motion
+from hdbench.model.localfit import MIN_HALF_WIDTH
 from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
 
-# samples of the window over which an acceleration is formed, at least
-_LEAST_WINDOW = 7
 # cells of a short-time spectrum: so long, of so many samples at least, and motion where the mean of
 # nine has so many times the power of the noise
 _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
@@ -41,7 +41,7 @@ def accelerations(motion: Motion, period_s: float) -> tuple[Motion, ...]:
     kept, noise = _standing_out(made, period_s, degree, _step_of(values[known]))
     angle = np.interp(ticks, time[known], motion.angle_rad[known])
     kept += _locked(made - kept, angle, period_s, degree, noise)
-    window_s = max(ACCELERATION_WINDOW_S, _LEAST_WINDOW * period_s)
+    window_s = max(ACCELERATION_WINDOW_S, (2 * MIN_HALF_WIDTH + 1) * period_s)
     slow = smoothed(kept[:, None], 2.0 * period_s / window_s)[:, 0]
     return tuple(
         replace(motion, acceleration_rad_s2=np.interp(time, ticks, one)) for one in (kept, slow)
@@ -79,10 +79,12 @@ def _step_of(values: FloatArray) -> float:
     turns = np.abs(np.diff(values, 2))
     # rounding is far below a step, and few samples are interpolated
     turns = turns[turns > 1e-12 * np.abs(values).max()]
-    step = float(np.quantile(turns, 0.1)) if len(turns) else 0.0
+    if not len(turns):
+        return 0.0
+    step = float(np.quantile(turns, 0.1))
     beside = np.abs(turns - step * np.round(turns / step))
     # a fifth is within a tenth of a whole number by chance
-    return step if len(turns) and float(np.mean(beside < 0.1 * step)) > 0.5 else 0.0
+    return step if float(np.mean(beside < 0.1 * step)) > 0.5 else 0.0
 
 
 def _standing_out(
@@ -117,39 +119,14 @@ def _standing_out(
 
 def _derivative(values: FloatArray, period_s: float, degree: int) -> FloatArray:
     """Return the derivative of a measured motion by its spectrum."""
-    from scipy.fft import next_fast_len
     from scipy.interpolate import CubicHermiteSpline
 
     n = len(values)
     # less a cubic with the same values and slopes at both ends, so that the mirrored ends meet
     slopes = [np.diff(values[:9]).mean(), np.diff(values[-9:]).mean()]
     ends = CubicHermiteSpline([0.0, n - 1.0], values[[0, -1]], slopes)
-    held = values - ends(np.arange(n))
-    size = int(next_fast_len(n, real=True))
-    padded = np.pad(held, (0, size - n), mode="edge")
-    lines = np.fft.rfft(np.concatenate([padded, padded[::-1]]))
-    turn = 2j * np.pi * np.arange(len(lines)) / (2.0 * size * period_s)
-    made = np.fft.irfft(lines * turn**degree, 2 * size)[:n]
+    lines = mirrored_lines(values - ends(np.arange(n)))
+    whole = len(lines) - 1
+    turn = 2j * np.pi * np.arange(len(lines)) / (2.0 * whole * period_s)
+    made = np.fft.irfft(lines * turn**degree, 2 * whole)[:n]
     return np.asarray(made + ends(np.arange(n), degree) / period_s**degree)
-
-
-def smoothed(columns: FloatArray, share: float) -> FloatArray:
-    """Return columns without what is faster than `share` of the Nyquist frequency; NaN stays.
-
-    The octave below fades.
-    """
-    place = np.linspace(0.5, 1.0, 65) * share
-    fade = np.clip(2.0 * (share - place) / share, 0.0, 1.0)
-    return shaped(columns, (place, 0.5 - 0.5 * np.cos(np.pi * fade)))
-
-
-def shaped(columns: FloatArray, gain: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Return columns times a gain at frequencies relative to the Nyquist frequency; NaN stays."""
-    from scipy.fft import dct, idct, next_fast_len
-
-    known = np.isfinite(columns)
-    count = len(columns)
-    size = int(next_fast_len(count, real=True))
-    rows = dct(np.where(known, columns, 0.0), n=size, axis=0, norm="ortho")
-    rows *= np.interp(np.arange(size) / size, *gain)[:, None]
-    return np.where(known, idct(rows, axis=0, norm="ortho")[:count], np.nan)

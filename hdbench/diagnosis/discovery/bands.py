@@ -80,7 +80,7 @@ class LowPass:
         held: FloatArray,
         shape: Callable[[NDArray[np.complex128]], NDArray[np.complex128]],
     ) -> FloatArray:
-        lines = _mirrored_lines(held)
+        lines = mirrored_lines(held)
         lines *= shape(self.gain(len(lines), len(lines) - 1))
         return np.fft.irfft(lines)[: len(held)]
 
@@ -102,12 +102,34 @@ def shifted(values: FloatArray, samples: float) -> FloatArray:
     """Return a signal as it was some samples ago, all frequencies alike."""
     if samples == 0.0:
         return values
-    lines = _mirrored_lines(values)
+    lines = mirrored_lines(values)
     lines *= np.exp(-1j * np.pi * samples * np.arange(len(lines)) / (len(lines) - 1))
     return np.fft.irfft(lines)[: len(values)]
 
 
-def _mirrored_lines(values: FloatArray) -> NDArray[np.complex128]:
+def smoothed(columns: FloatArray, share: float) -> FloatArray:
+    """Return columns without what is faster than `share` of the Nyquist frequency; NaN stays.
+
+    The octave below fades.
+    """
+    place = np.linspace(0.5, 1.0, 65) * share
+    fade = np.clip(2.0 * (share - place) / share, 0.0, 1.0)
+    return shaped(columns, (place, 0.5 - 0.5 * np.cos(np.pi * fade)))
+
+
+def shaped(columns: FloatArray, gain: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return columns times a gain at frequencies relative to the Nyquist frequency; NaN stays."""
+    from scipy.fft import dct, idct, next_fast_len
+
+    known = np.isfinite(columns)
+    count = len(columns)
+    size = int(next_fast_len(count, real=True))
+    rows = dct(np.where(known, columns, 0.0), n=size, axis=0, norm="ortho")
+    rows *= np.interp(np.arange(size) / size, *gain)[:, None]
+    return np.where(known, idct(rows, axis=0, norm="ortho")[:count], np.nan)
+
+
+def mirrored_lines(values: FloatArray) -> NDArray[np.complex128]:
     """Return the lines of a signal that is mirrored, so that both ends meet."""
     long = _lengthened(values[None, :])[0]
     return np.fft.rfft(np.concatenate([long, long[::-1]]))

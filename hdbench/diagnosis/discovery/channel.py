@@ -8,8 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.acceleration import smoothed
-from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
+from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.record import Record

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.acceleration import accelerations, shaped, smoothed
-from hdbench.diagnosis.discovery.bands import SLOW_SHARE, LowPass, make_bands
+from hdbench.diagnosis.discovery.acceleration import accelerations
+from hdbench.diagnosis.discovery.bands import SLOW_SHARE, LowPass, make_bands, shaped, smoothed
 from hdbench.diagnosis.discovery.baseline import BaselineChange
 from hdbench.diagnosis.evidence import GAP
 from hdbench.estimation.bandwidth import spectrum_of

@@ -659,11 +659,13 @@ class Search:
         For a name it is the larger one of that beside tables and that without them.
         """
         fit, tables = self.fit, self.fit.tables()
-        term = fit.term(part)
+        views = [fit.beside(part)]
+        if tables and part not in tables:
+            views.append(self.beside_names(part))
         found = []
-        for others in ((), tables) if tables and part not in tables else ((),):
-            beside = fit.beside(part, *others)
-            start = candidate_of(beside, fit.record, term, fit.parts[part].trials, 0.0)
+        for beside in views:
+            trials = fit.parts[part].trials
+            start = candidate_of(beside, fit.record, fit.term(part), trials, 0.0)
             base = settled(beside, fit)
             found.append(weighed(beside, fit.record, start, fit.shapes, base).evidence_nats)
         return max(found)
