@@ -149,9 +149,26 @@ def test_the_best_step_is_that_of_plain_regression(start):
         row = view.bands.transform((np.arange(n) >= place).astype(float)[:, None])[0] * weight
         row = row - q @ (q.T @ row)
         values[place] = float(row @ left) ** 2 / float(row @ row)
-    # information is interpolated between some thirty places
     assert found.statistic == pytest.approx(values[at], rel=0.05)
     assert found.statistic > 0.95 * max(values.values())
+
+
+def test_steps_all_along_are_no_zero_that_jumped(start):
+    _, fit = start
+    rng = np.random.default_rng(5)
+    n = len(fit.record)
+    white = NOISE_NM * rng.standard_normal(n)
+
+    def looked(count):
+        jumps = np.zeros(n)
+        places = np.sort(rng.choice(np.arange(n // 10, n - n // 10), count, replace=False))
+        jumps[places] = 0.2 * (-1.0) ** np.arange(count)
+        return step_look(with_noise(fit, white + np.cumsum(jumps)), catalogue()["zero-step"])
+
+    assert looked(1).statistic > 1000.0
+    # up and down as a torque that sticks and slips goes: none is out of the usual
+    crowd = looked(40)
+    assert crowd is None or crowd.false_alarm > 0.01
 
 
 def test_a_member_that_the_baseline_explains_asks_no_trials(start):

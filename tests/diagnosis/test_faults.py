@@ -153,6 +153,20 @@ def test_a_velocity_formed_over_a_late_stamp_is_no_slip(late):
     assert inspected({**columns, "torque_nm": 0.4 * np.cos(2.0 * angle) + noise}).faults == ()
 
 
+def test_a_sample_too_many_between_even_stamps_is_no_slip():
+    # one more row was written than there was time for: two intervals turn by half
+    time = np.sort(np.append(np.arange(3000), 1200.5)) / 30.0
+    _, angle, torque = swing(time, ripple=())
+    noise = np.random.default_rng(0).standard_normal((2, 3001))
+    columns = {
+        "time_s": np.arange(3001) / 30.0,
+        "motor_angle_rad": angle,
+        "motor_velocity_rad_s": swing(time)[0] + 0.3 * noise[0],
+        "torque_nm": torque + noise[1],
+    }
+    assert inspected(columns).faults == ()
+
+
 # --- stamps
 
 
@@ -166,6 +180,16 @@ def test_gaps_of_the_stamps_are_told_and_jitter_is_none():
     assert inspected({**columns, "time_s": shaken}).faults == ()
     late = columns["time_s"] + 0.9e-3 * (rng.random(10_000) < 0.02)
     assert inspected({**columns, "time_s": late}).faults == ()
+
+
+def test_stamps_that_follow_no_clock_have_no_gaps():
+    rng = np.random.default_rng(3)
+    # a host that polls when it can, and waits ten times as long now and then
+    steps = rng.gamma(4.0, 0.25e-3, 10_000) + 9e-3 * (rng.random(10_000) < 1e-3)
+    time = np.cumsum(steps)
+    speed, angle, torque = swing(time)
+    columns = {"time_s": time, "motor_angle_rad": angle, "motor_velocity_rad_s": speed}
+    assert inspected({**columns, "torque_nm": torque}).faults == ()
 
 
 @pytest.mark.parametrize(

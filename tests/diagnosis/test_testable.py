@@ -85,6 +85,13 @@ def test_seen_steps_are_quantisation_at_any_bandwidth_and_hide_fine_noise():
     assert "steps of 0.5 N m" in answer["speed-dependent-noise"][1]
 
 
+def test_ripple_that_is_faster_than_the_samples_looks_like_noise():
+    seen, why = told(motion(), rate_hz=30.0)["speed-dependent-noise"]
+    assert not seen
+    # nine samples in ten are slower than 98.8 rad/s
+    assert why.startswith("the motor turns 0.52 times between two samples; needed: less than 0.25")
+
+
 def test_held_samples_end_the_band_of_the_torque():
     seen, why = told(motion(), held_share=0.9)["mains-hum"]
     assert not seen

@@ -22,7 +22,7 @@ from hdbench.diagnosis.faults.fault import Fault, Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.diagnosis.faults.stamps import held_samples
 from hdbench.model import BenchModel, Cause, CauseTerm
-from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest
+from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest, Testable
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,23 +45,23 @@ def assemble(
     told: Told | None = None,
 ) -> Diagnosis:
     """Return the answer of a diagnosis."""
-    record = findings.search.fit.record
-    record = record if record.late_known else replace(record, late_s=0.0)
-    terms = [part.term for part in findings.search.fit.parts if part.term is not None]
-    first = start_fit(record, [term for term in terms if term.known])
-    baseline_left = residual_nm(first)
     told = told or tell(findings.search, findings.given, rng, findings.late.noise_variance)
     fit = told.fit
-    faults = (*findings.inspected.faults, *findings.late.faults)
+    record = fit.record if fit.record.late_known else replace(fit.record, late_s=0.0)
+    terms = [part.term for part in fit.parts if part.term is not None]
+    first = start_fit(record, [term for term in terms if term.known])
+    baseline_left = residual_nm(first)
+    shown = _testable(findings, fit)
+    able = {one.name for one in shown if one.testable}
+    late = [fault for fault in findings.late.faults if _possible(fault, findings, able)]
+    faults = (*findings.inspected.faults, *late)
     named = [*_of_faults(findings, faults, told), *told.causes]
     causes, minor = by_share(named, findings.materiality)
     places, small = by_share(told.places, findings.materiality)
     extended = _extended(findings, told, faults)
     noise = noise_rms_nm(findings.search.told)
     given = findings.given
-    torque = fit.record.torque_nm[fit.record.valid]
-    step = step_of(torque)
-    flags = (*findings.inspected.flags, *(fault.flag() for fault in findings.late.faults))
+    flags = (*findings.inspected.flags, *(fault.flag() for fault in late))
     return Diagnosis(
         verdict=verdict_of(causes, places),
         causes=causes,
@@ -71,18 +71,7 @@ def assemble(
         data_flags=tuple(sorted(flags, key=lambda flag: flag.from_s)),
         left_out=_left_out(findings),
         rest=Rest(told.after.rms_nm, noise, places),
-        testable=testable(
-            findings.causes.values(),
-            fit.record.motion,
-            TorqueChannel(
-                _bandwidth(fit),
-                1.0 / fit.record.period_s,
-                step,
-                noise,
-                float(held_samples(torque, step, CHANCE).mean()),
-            ),
-            findings.inspected.derived,
-        ),
+        testable=shown,
         minimum_detectable=minimum_detectable(findings.search),
         simulated=ModelFit(
             terms=given.terms(),
@@ -94,6 +83,28 @@ def assemble(
         model=extended,
         pictures=_pictures(findings, fit, extended, baseline_left),
     )
+
+
+def _testable(findings: Findings, fit: Fit) -> tuple[Testable, ...]:
+    """Return which names this record can show."""
+    torque = fit.record.torque_nm[fit.record.valid]
+    step = step_of(torque)
+    channel = TorqueChannel(
+        _bandwidth(fit),
+        1.0 / fit.record.period_s,
+        step,
+        noise_rms_nm(findings.search.told),
+        float(held_samples(torque, step, CHANCE).mean()),
+    )
+    causes = findings.causes.values()
+    return testable(causes, fit.record.motion, channel, findings.inspected.derived)
+
+
+def _possible(fault: Fault, findings: Findings, able: set[str]) -> bool:
+    """Return whether a fault of the residual is of a size and on a record that its name allows."""
+    shape = findings.causes[fault.name].shape
+    inside = all(p.contains(fault.shape[p.name]) for p in shape if p.name in fault.shape)
+    return inside and fault.name in able
 
 
 def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> list[NamedCause]:

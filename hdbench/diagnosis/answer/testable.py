@@ -18,6 +18,8 @@ from hdbench.results.diagnosis import Testable
 _SHAPES = (0.5, 0.1, 0.9)
 # causes without columns whose power is spread up to half the sampling rate
 _WHITE = frozenset({"quantisation", "spikes", "speed-dependent-noise"})
+# motor turns between two samples at which ripple of order 2 reaches half the sampling rate
+_RIPPLE_TURNS = 0.25
 _ANGLES = frozenset({"motor_angle_rad", "encoder_count", "motor_velocity_rad_s", "tacho_v"})
 
 
@@ -201,6 +203,16 @@ def _other(
     share = torque.bandwidth_hz / (0.5 * torque.rate_hz)
     if cause.name in _WHITE and not stepped and not torque.whole and share < PASSED:
         return Testable(cause.name, False, torque.hides(0.05 * torque.rate_hz))
+    if cause.locked_to == "velocity":
+        pace = float(np.quantile(np.abs(part.velocity_rad_s[part.valid]), 0.9))
+        turns = pace / (2.0 * np.pi * torque.rate_hz)
+        if turns > _RIPPLE_TURNS:
+            return Testable(
+                cause.name,
+                False,
+                f"the motor turns {turns:.2g} times between two samples; needed: less than "
+                f"{_RIPPLE_TURNS:g}, else ripple looks like noise",
+            )
     # noise that is less than a fifth of a step of the readings moves one reading in eighty
     if cause.locked_to == "velocity" and torque.noise_nm < 0.2 * torque.step_nm:
         return Testable(

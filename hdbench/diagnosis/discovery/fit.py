@@ -120,6 +120,11 @@ class Beside:
         right = np.where(dead, 0.0, right)
         return left, right
 
+    def unexplained(self, row: FloatArray) -> FloatArray:
+        """Return what the rows of the fit leave of a further row."""
+        cross = self.factor @ (self.rows @ (row * self.whitening))
+        return np.asarray(row - (self.factor.T @ cross) @ self.rows)
+
 
 @dataclass(slots=True)
 class Fit:

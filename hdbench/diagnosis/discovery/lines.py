@@ -43,6 +43,8 @@ _NORM_POINTS, _RATES = 2000, 48
 _LEAKS = 1e-4
 # places at which the norm of a step is formed; between them it is interpolated
 _STEPS = 17
+# steps of the zero that a record may have
+_FEW_STEPS = 3
 # knots over the other axis, and over a turn, where an envelope may have several waves
 _ENVELOPE_KNOTS, _TURN_KNOTS = 5, 24
 
@@ -523,20 +525,32 @@ def _step_look(fit: Fit, cause: Cause) -> Look | None:
     record, bands = fit.record, fit.bands
     n = len(record)
     beside = fit.beside()
-    weighted = bands.inverse(fit.residual * beside.whitening)
-    tail = np.cumsum(weighted[::-1])[::-1]
     margin = max(10, n // 50)
     places = np.linspace(margin, n - margin, _STEPS).astype(int)
     columns = (np.arange(n)[:, None] >= places[None, :]).astype(float)
     rows = bands.transform(columns - columns.mean(axis=0))
-    norms = np.diag(beside.project(rows)[0])
-    norm = np.interp(np.arange(n), places, norms)
-    total = float(weighted.sum())
-    tail = tail - total * (1.0 - np.arange(n) / n)
-    statistic = np.where(norm > 0.0, tail**2 / np.maximum(norm, 1e-300), 0.0)
-    statistic[: margin // 2] = statistic[n - margin // 2 :] = 0.0
-    at = int(np.argmax(statistic))
-    value, h = float(statistic[at]), margin / 2.0 / n
+    norm = np.interp(np.arange(n), places, np.diag(beside.project(rows)[0]))
+
+    # a torque that goes in steps all along has no zero that jumped: what stays when the few that a
+    # record may have are taken out is the size of its usual steps, beside its noise
+    residual, found = fit.residual, list[tuple[float, int]]()
+    for _ in range(_FEW_STEPS + 1):
+        weighted = bands.inverse(residual * beside.whitening)
+        tail = np.cumsum(weighted[::-1])[::-1]
+        tail -= float(weighted.sum()) * (1.0 - np.arange(n) / n)
+        statistic = np.where(norm > 0.0, tail**2 / np.maximum(norm, 1e-300), 0.0)
+        for _, other in (*found, (0.0, 0), (0.0, n)):
+            statistic[max(0, other - margin // 2) : other + margin // 2] = 0.0
+        at = int(np.argmax(statistic))
+        if not statistic[at] > 0.0:
+            return None
+        row = bands.transform((np.arange(n) >= at).astype(float)[:, None] - (1.0 - at / n))[0]
+        own = beside.unexplained(row)
+        size = float(own @ (own * beside.whitening))
+        found.append((float(tail[at] ** 2 / size), at))
+        residual = residual - own * (tail[at] / size)
+    (value, at), h = found[0], margin / 2.0 / n
+    value /= 1.0 + max(0.0, found[-1][0] - 2.0 * float(np.log(n)))
     if value < 4.0:
         return None
     logs = 2.0 * np.log((1.0 - h) / h)

@@ -92,6 +92,8 @@ _LEAST_WAY_RAD = 1e-5
 _LEAST_NATS = 1.0
 # a size that is so many standard deviations outside its limits is none that a cause can have: 95 %
 _POSSIBLE_STDS = 2.0
+# nor one of so many times the torque
+_LARGEST = 10.0
 
 
 @dataclass(slots=True)
@@ -686,12 +688,21 @@ def _best_formed(fit: Fit, last: int) -> Fit:
 
 
 def all_possible(fit: Fit, last: int) -> bool:
-    """Return whether the last causes of a fit have parameters that can be."""
+    """Return whether the last causes of a fit have sizes and parameters that can be."""
     places = range(len(fit.parts) - last, len(fit.parts))
     return all(
-        candidate_of(fit.beside(part), fit.record, fit.term(part), 1.0, 1.0).statistic > 0.0
+        is_within(fit, part)
+        and candidate_of(fit.beside(part), fit.record, fit.term(part), 1.0, 1.0).statistic > 0.0
         for part in places
     )
+
+
+def is_within(fit: Fit, part: int) -> bool:
+    """Return whether a part is no larger than parts of a torque are.
+
+    Two that nearly cancel each other, as a law of speed and a zero do, explain nothing.
+    """
+    return fit.size_nm(part) <= _LARGEST * float(np.sqrt(np.mean(fit.measured**2)))
 
 
 def impossible_parts(fit: Fit) -> set[int]:
@@ -701,7 +712,8 @@ def impossible_parts(fit: Fit) -> set[int]:
     for part in fit.causes():
         slack = _POSSIBLE_STDS * std[fit.flat(part)] / fit.parts[part].scale
         limits = zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
-        if not all(p.lower - s <= value <= p.upper + s for p, value, s in limits):
+        inside = all(p.lower - s <= value <= p.upper + s for p, value, s in limits)
+        if not inside or not is_within(fit, part):
             found.add(part)
     return found
 
@@ -729,7 +741,7 @@ def _turn(entry: tuple[Candidate, ...]) -> float:
 
     A motion that repeats makes a law of speed look like lines over the angle, not the reverse.
     """
-    law = any(follows_motion(c.term.cause) for c in entry)
+    law = all(follows_motion(c.term.cause) for c in entry)
     return round(_plain(entry) * (_LAWS_FIRST if law else 1.0), 1)
 
 

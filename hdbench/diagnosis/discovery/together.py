@@ -38,6 +38,7 @@ from hdbench.diagnosis.discovery.told import (
     late_of,
     mean_square,
     place_of,
+    predicting_delay,
     rest_places,
     shares_of,
     table_places,
@@ -395,10 +396,11 @@ def tell_together(
     places += table_places(search, variance)
     records = []
     for number, (one, origin) in enumerate(piece_searches(search)):
+        early = predicting_delay(one)
         square = mean_square(one.fit, {i for i, place in enumerate(origin) if place in base})
         found = rest_places(one, square, noise_variances[number])
         found = [replace(place, record=names[number]) for place in found]
-        special = [x for x in (walk_of(one, square), late_of(one, rng)) if x is not None]
+        special = [x for x in (walk_of(one, square), late_of(one, early, rng)) if x is not None]
         every = [_term_of(fit, place, number, matrices[place]) for place in origin if place in kept]
         own_terms = [own for own in every if own is not None]
         for cause, own_term in special:

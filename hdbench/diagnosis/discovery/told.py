@@ -93,11 +93,12 @@ def tell(
 ) -> Told:
     """Return what a search found as the answer says it."""
     named, held = predicting(search, name_causes(search))
+    early = predicting_delay(search)
     fit = search.fit
+    held = held if held.fit is fit else hold_out(fit)
     search.find_tables()
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
-    early = in_time(fit)
     before, after = hold_out(early).predict(base), held.predict(everything)
     # a table could take in what a name explains: names are held against each other without it
     names = everything - set(fit.tables())
@@ -130,7 +131,7 @@ def tell(
         gain = gain_between(without, with_names, rng)
         causes.append(cause_of(one, terms[-1], model, gain, shares[index], chance))
         places += form_places(search, index, variance)
-    for special in (walk_of(search, variance), late_of(search, rng)):
+    for special in (walk_of(search, variance), late_of(search, early, rng)):
         if special is not None:
             causes.append(special[0])
             terms.append(special[1])
@@ -178,6 +179,18 @@ def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Na
     search.fit = fit.without(*gone)
     kept = [part for part in range(len(fit.parts)) if part not in gone]
     return {at: named[old] for at, old in enumerate(kept) if old in named}, hold_out(search.fit)
+
+
+def predicting_delay(search: Search) -> Fit:
+    """Take a delay of the torque out of a search that predicts nothing; return the fit without."""
+    late, early = search.fit, in_time(search.fit)
+    if early is not late:
+        everything = set(range(len(late.parts)))
+        errors = [hold_out(fit).predict(everything).rms_nm for fit in (late, early)]
+        if errors[1] <= errors[0]:
+            search.log.append("time-skew predicts nothing")
+            search.fit = early
+    return early
 
 
 def table_places(search: Search, variance: float) -> list[Unexplained]:
@@ -268,9 +281,11 @@ def late_term(fit: Fit) -> CauseTerm:
     return CauseTerm(DELAY, {"delay_s": late}, (late,))
 
 
-def late_of(search: Search, rng: np.random.Generator) -> tuple[NamedCause, CauseTerm] | None:
+def late_of(
+    search: Search, early: Fit, rng: np.random.Generator
+) -> tuple[NamedCause, CauseTerm] | None:
     """Return the delay of the torque channel; None without one, or where the model had it."""
-    fit, early = search.fit, in_time(search.fit)
+    fit = search.fit
     if early is fit:
         return None
     found = best_delay(fit)

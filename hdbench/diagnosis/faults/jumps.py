@@ -71,13 +71,15 @@ def _judged(
     agrees = RIVAL_NATS if able > 6.0 * RIVAL_NATS else -RIVAL_NATS
     needed = agrees if independent else ACCEPT_NATS
     samples, std, near = _lost_samples(jump, shaft)
-    jump = replace(jump, samples=samples, samples_std=std)
+    # what a sample too many turns by is no slip until the torque says so
+    needed = ACCEPT_NATS if near and samples < 0 else needed
+    jump = replace(jump, samples=max(0, samples), samples_std=std)
     if nats > needed:
         # a whole number of samples' turning, and the torque hardly tells
-        if near and nats < max(ACCEPT_NATS, 0.5 * able):
+        if near and samples > 0 and nats < max(ACCEPT_NATS, 0.5 * able):
             return replace(jump, name="missed-samples", group=("encoder-slip",))
         return replace(jump, name="encoder-slip")
-    if -nats > needed and (near or (independent and samples > 0 and nats < -RIVAL_NATS)):
+    if samples > 0 and -nats > needed and (near or (independent and nats < -RIVAL_NATS)):
         return replace(jump, name="missed-samples")
     return jump
 
@@ -151,25 +153,30 @@ def _torque_nats(
 
 
 def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
-    """Return how many lost samples turn by a jump, how well that is known, and if it fits."""
+    """Return how many lost samples turn by a jump, how well that is known, and if it fits.
+
+    Fewer than none: the stamps count more samples than there was time for.
+    """
     at = np.arange(_SIDE)
     (gone, before), (gained, after) = (
         np.polyfit(at, shaft.velocity_rad_s[rows], 1).tolist()
         for rows in (jump.first - 1 - at, jump.first + at)
     )
     # samples that a loss may have
-    number = np.arange(1, 5000 + 1)
+    number = np.arange(-5000, 5000 + 1)
+    number = number[number != 0]
     # the cubic that has speed and acceleration of both sides; half of its bend is not known
     bends = -shaft.period_s * (gone + gained) * number**2 / 12.0
     turned = 0.5 * shaft.period_s * (before + after) * number + bends
     away = np.abs(jump.angle_rad - turned)
     best = int(np.argmin(away))
-    one, bend = abs(float(turned[best])) / (best + 1), 0.5 * abs(float(bends[best]))
+    samples, bend = int(number[best]), 0.5 * abs(float(bends[best]))
+    one = abs(float(turned[best]) / samples)
     if not turned[best] * jump.angle_rad > 0.0:
         return 0, 0.0, False
     near = away[best] < 4.0 * jump.std_rad + 0.5 * shaft.count_rad + bend
-    std = min((bend + float(away[best])) / one, best + 1.0)
-    return best + 1, std, bool(near and std < max(1.0, 0.1 * best))
+    std = min((bend + float(away[best])) / one, float(abs(samples)))
+    return samples, std, bool(near and std < max(1.0, 0.1 * (abs(samples) - 1)))
 
 
 def _found(shaft: Shaft) -> list[Jump]:

@@ -19,6 +19,9 @@ from hdbench.model.motion import TORQUES
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import ParameterValue
 
+# scatter of the stamps, in periods, beyond which they follow no clock: where they are even over
+# a period they have .475, and normal ones of a seventh of a period .3
+_NO_CLOCK = 0.3
 # samples on each side of a step whose earliest stamp tells what is missing
 _BESIDE = 7
 # changes on each side that tell how a channel moves, and a chance of no change that tells
@@ -39,6 +42,8 @@ def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
         return np.flatnonzero(steps > GAP * np.median(steps)) if len(steps) else np.array([], int)
     part = steps / float(np.median(steps))
     jitter = float(np.quantile(np.abs(part - np.round(part)), 0.95))
+    if jitter > _NO_CLOCK:
+        return np.array([], int)
     # a log with stamps of a host has steps of three periods and more without a loss
     long = np.flatnonzero(part > max(GAP, 1.0 + 12.0 * jitter))
     # late stamps are made up for: the earliest ones on each side keep their places
