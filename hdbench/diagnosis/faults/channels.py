@@ -18,6 +18,7 @@ from hdbench.diagnosis.faults.shaft import (
     derivation,
     has_own_noise,
     shaft_of,
+    standing,
     velocity_of,
     without_faults,
 )
@@ -56,7 +57,9 @@ def inspect_channels(
     missing = ~np.isfinite(torque)
     stale = repeated_rows(trace, angle_of(trace, profile))
     held = (stale | held_samples(torque, 0.0, CHANCE)) & ~(clipped | stuck)
-    masked = clipped | stuck | held
+    known_so_far = clipped | stuck | held
+    still = standing(trace, profile, np.where(known_so_far, np.nan, torque)) & ~known_so_far
+    masked = known_so_far | still
     # a row that was held says nothing of the motion, either
     other = [n for n in trace.columns if n not in ("time_s", "stage", *TORQUES)]
     trace = trace.with_columns(**{n: filled(trace.time_s, trace[n], stale) for n in other})
@@ -76,7 +79,13 @@ def inspect_channels(
         ),
         *(fault.flag() for fault in faults),
     )
-    reasons = {"no value": missing, "clipped": clipped, "stuck": stuck, "held": held}
+    reasons = {
+        "no value": missing,
+        "clipped": clipped,
+        "stuck": stuck,
+        "held": held,
+        "standstill": still,
+    }
     return Inspected(
         repaired,
         masked,

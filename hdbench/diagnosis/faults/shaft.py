@@ -7,10 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, uniform_filter1d
+from scipy.ndimage import (
+    binary_dilation,
+    binary_opening,
+    maximum_filter1d,
+    minimum_filter1d,
+    uniform_filter1d,
+)
 
-from hdbench.diagnosis.faults.scatter import bridged, least_squares, robust_std, smallest_step
+from hdbench.diagnosis.faults.scatter import (
+    bridged,
+    least_squares,
+    mask_runs,
+    robust_std,
+    smallest_step,
+)
 from hdbench.diagnosis.faults.stamps import gap_steps
+from hdbench.model import integrate_velocity
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -18,6 +31,11 @@ ANGLES = ("motor_angle_rad", "encoder_count")
 VELOCITIES = ("motor_velocity_rad_s", "tacho_v")
 # samples of the running mean that takes the motion out: what is left is the channels' own
 FAST = 5
+# a shaft stands where it moves over so many samples by less than this share of what it usually does
+_STILL, _STILL_SHARE = 20, 1e-3
+# share of the torque's scatter by which it changes at standstill where dry friction holds it: drift
+# and creep are smaller
+_HOLDS = 0.1
 # what stands out of the noise by this much is left out of a fit
 _TRIM = 5.0
 
@@ -114,6 +132,38 @@ def without_faults(
                 columns[name] = trace[name] - later * (shape["slip_rad"] * scale)
         trace = trace.with_columns(**columns)
     return trace
+
+
+def standing(trace: Trace, profile: ProfileData, torque_nm: FloatArray) -> NDArray[np.bool_]:
+    """Return samples at standstill, where the torque moves though neither shaft nor load does.
+
+    Dry friction holds any torque there, up to the one at which the shaft breaks away.
+    """
+    angle, load = angle_of(trace, profile), trace.columns.get("load_torque_nm")
+    if angle is None:
+        velocity = velocity_of(trace, profile)
+        angle = None if velocity is None else integrate_velocity(trace.time_s, velocity)[0]
+    nothing = np.zeros(len(trace), dtype=bool)
+    if angle is None or len(angle) < 2 * _STILL:
+        return nothing
+
+    def reach(values: FloatArray) -> FloatArray:
+        values = bridged(values)
+        return np.asarray(maximum_filter1d(values, _STILL) - minimum_filter1d(values, _STILL))
+
+    moves = reach(angle)
+    still = moves < _STILL_SHARE * float(np.quantile(moves, 0.9))
+    rest = bridged(torque_nm)
+    if load is not None:
+        still &= reach(load) < _STILL_SHARE * max(float(np.ptp(bridged(load))), 1e-300)
+        rest = rest - bridged(load)
+    # every sample of a window that stands, from its middle to its ends
+    still = binary_opening(still, np.ones(_STILL, dtype=bool))
+    still = binary_dilation(still, iterations=_STILL // 2)
+    mean, runs = uniform_filter1d(rest, _STILL), mask_runs(still)
+    inside = [mean[a : b + 1] - mean[a : b + 1].mean() for a, b in runs]
+    alone = bool(inside) and float(np.std(np.concatenate(inside))) < _HOLDS * float(np.std(rest))
+    return nothing if not inside or alone else still
 
 
 def disagreement(shaft: Shaft) -> FloatArray:

@@ -27,6 +27,9 @@ _RIGHT, _WRONG = 0.3, 0.03
 # at walking pace
 _SLOW = 301
 
+# a gain is no further off: the nearest unit, 2 pi, is
+_MOST_GAIN = 5.0
+
 # factor of angle over velocity, what it says of the angle, what it says of the velocity
 _UNITS = (
     (-1.0, "counts backwards", "has the other sign"),
@@ -229,10 +232,14 @@ def _unlike(trace: Trace, profile: ProfileData, shaft: Shaft, ratio: float) -> I
         says = f"{of_velocity}, and is multiplied by {ratio:.4g}" if known else "is scaled to it"
         why = f"{text}; the torque agrees with the angle: the velocity {says}"
         return _velocity_times(trace, ratio, why)
-    # nearer to 1, and none of the named: a gain that is off, not a unit
-    if not known and abs(ratio - 1.0) < 0.3:
-        why = f"{text}: an encoder counts, a tacho has a gain; the velocity is scaled to the angle"
-        return _velocity_times(trace, ratio, why)
     guess = f"{shaft.names[0]} {of_angle}, or the velocity {of_velocity}; " if known else ""
+    # not a unit but a range or a gain that the logger had wrong: what is dry or follows the
+    # direction is still seen
+    if 1.0 / _MOST_GAIN < ratio < _MOST_GAIN:
+        why = (
+            f"{text}: {guess}the torque does not tell which of them is right, and the velocity "
+            "is scaled to the angle, which was counted"
+        )
+        return _velocity_times(trace, ratio, why)
     reason = f"{text}: {guess}the torque does not tell which of them is right ({seen})"
     return _told(trace, "encoder-scale", reason, refuse=True)
