@@ -12,7 +12,7 @@ from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_
 from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
 from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.naming import _is_limit, _named, _same_space
-from hdbench.diagnosis.discovery.search import Search, impossible_parts
+from hdbench.diagnosis.discovery.search import Search, impossible_parts, value_of
 from hdbench.diagnosis.discovery.term import Term, term_columns
 from hdbench.diagnosis.discovery.told import distinct
 from hdbench.model import catalogue
@@ -125,6 +125,11 @@ def test_held_out_blocks_are_predicted_as_by_plain_regression_on_the_others():
     assert after.squares.sum() == pytest.approx(squares, rel=0.01)
 
 
+def searching(fit):
+    none = Dictionary((), np.zeros((0, fit.bands.size), dtype=np.float32), [])
+    return Search(fit, none, none, (), catalogue(), 0.01, catalogue())
+
+
 @pytest.mark.parametrize(("viscous", "left"), [(0.0, ()), (2e-3, ("viscous-friction",))])
 def test_a_cause_takes_the_place_of_those_that_it_makes_needless_alone(viscous, left):
     shape = {"stribeck_rad_s": 15.0, "transition_rad_s": 2.0}
@@ -139,8 +144,7 @@ def test_a_cause_takes_the_place_of_those_that_it_makes_needless_alone(viscous, 
         fit.parts[fit.add_term(Term(causes[name], known))].cost_nats = 6.0
     fit.settle(2)
     new = joined(fit, (Term(causes["stribeck-friction"], shape),))
-    none = Dictionary((), np.zeros((0, fit.bands.size), dtype=np.float32), [])
-    state = Search(fit, none, none, (), causes, 0.01, causes)
+    state = searching(fit)
 
     def names(fit):
         return tuple(fit.parts[part].name for part in fit.causes())
@@ -152,6 +156,42 @@ def test_a_cause_takes_the_place_of_those_that_it_makes_needless_alone(viscous, 
     saved = state._relieved(new, 1)
     assert names(new) == (*left, "stribeck-friction")
     assert saved == 6.0 * (2 - len(left))
+
+
+def test_a_shape_is_moved_with_its_form_error_and_only_to_a_likelier_fit():
+    fit = fitted(swinging(8000, lambda t, a, w: 0.5 * np.tanh(w / 3.0) + 2e-3 * w, mean=0.0))
+    causes = catalogue()
+    for name, shape in (("viscous-friction", {}), ("coulomb-friction", {"transition_rad_s": 9.0})):
+        part = fit.add_term(Term(causes[name], shape))
+    fit.settle(3)
+    attach_forms(fit)
+    before, state = value_of(fit), searching(fit)
+    state.reshape_all()
+    assert value_of(state.fit) > before + 10.0
+    assert state.fit.term(part).shape["transition_rad_s"] == pytest.approx(3.0, rel=0.1)
+    own = state.fit.form & (state.fit.owner == part)
+    # those about the new shape, largest first; the last of them are next to nothing
+    now, about = state.fit.rows[own], form_rows(state.fit, part)
+    assert len(now) == len(about)
+    alike = np.sum(now * about, axis=1) / np.sqrt(np.sum(now**2, axis=1) * np.sum(about**2, axis=1))
+    assert np.abs(alike[:8]).min() > 0.99
+    again = state.fit
+    state.reshape_all()
+    assert value_of(state.fit) >= value_of(again)
+
+
+def test_a_cause_stays_where_the_fit_without_it_is_less_likely(monkeypatch):
+    fit = fitted(swinging(8000, lambda t, a, w: 2e-3 * w, mean=0.0))
+    causes = catalogue()
+    for name in ("viscous-friction", "warm-up"):
+        shape = {"time_constant_s": 3.0} if name == "warm-up" else {}
+        fit.parts[fit.add_term(Term(causes[name], shape))].cost_nats = 6.0
+    fit.settle(3)
+    # alone, without its form error, none of them seems worth anything
+    monkeypatch.setattr(Search, "evidence_of", lambda self, part: -5.0)
+    state = searching(fit)
+    state.prune(most=0)
+    assert [state.fit.parts[part].name for part in state.fit.causes()] == ["viscous-friction"]
 
 
 # no friction at all is possible, and so is one that is negative within its uncertainty

@@ -229,6 +229,45 @@ def test_rows_that_were_held_say_nothing_of_the_motion():
 # --- converter
 
 
+@pytest.mark.parametrize("held_nm", [1.0, 0.0])
+def test_a_standstill_at_which_friction_holds_a_changing_torque_takes_no_part(held_nm):
+    time = np.arange(8000) * 5e-3
+    # it stands for 10 s while the torque rises, breaks away, and turns back
+    speed = np.where(time > 10.0, 60.0 * np.sin(2.0 * np.pi * (time - 10.0) / 12.0), 0.0)
+    angle = np.cumsum(speed) * 5e-3
+    still = time <= 10.0
+    torque = np.where(still, held_nm * time / 10.0, 0.6 * np.sign(speed)) + 0.1
+    noise = 0.01 * np.random.default_rng(2).standard_normal((2, len(time)))
+    found = inspected(
+        {
+            "time_s": time,
+            "motor_angle_rad": angle,
+            "motor_velocity_rad_s": speed + noise[0],
+            "torque_nm": torque + noise[1],
+        }
+    )
+    assert [reason for reason, _ in found.left_out] == ["standstill"] * (held_nm > 0.0)
+    # but for the last samples, whose window begins to move
+    assert int(found.masked.sum()) == pytest.approx(still.sum() * (held_nm > 0.0), abs=20)
+
+
+def test_a_velocity_whose_range_was_wrong_is_scaled_to_the_angle_and_told():
+    time = np.arange(6000) * 5e-3
+    speed, angle, _ = swing(time, mean=0.0, ripple=())
+    noise = np.random.default_rng(4).standard_normal((2, len(time)))
+    columns = {
+        "time_s": time,
+        "motor_angle_rad": angle,
+        "motor_velocity_rad_s": speed / 1.658 + 0.1 * noise[0],
+        "torque_nm": 0.5 * np.sign(speed) + 0.05 * noise[1],
+    }
+    found = inspected(columns)
+    (flag,) = found.flags
+    assert (found.reason, flag.name) == ("", "velocity-scale")
+    assert "1.658 times" in flag.detail
+    assert np.std(found.trace["motor_velocity_rad_s"] - speed) < 0.5
+
+
 def test_clipped_and_stuck_samples_take_no_part():
     columns = bench(6000, seed=10)
     columns["torque_nm"] = np.minimum(columns["torque_nm"], 0.5)

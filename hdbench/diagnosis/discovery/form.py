@@ -316,7 +316,7 @@ def attach_forms(fit: Fit) -> None:
         rows = form_rows(fit, index)
         if len(rows):
             fit.add_form(index, rows)
-            part.form_scale = usual_scale(part)
+            part.form_scale = part.form_scale or usual_scale(part)
     fit.settle(1)
 
 

@@ -93,7 +93,7 @@ _LEAST_NATS = 1.0
 # a size that is so many standard deviations outside its limits is none that a cause can have: 95 %
 _POSSIBLE_STDS = 2.0
 # nor one of so many times the torque
-_LARGEST = 10.0
+_LARGEST = 2.0
 
 
 @dataclass(slots=True)
@@ -405,10 +405,16 @@ class Search:
         if gain < max(evidence, 0.0) or gain < self._table_nats():
             return False
         self.log.append(f"slow noise E={gain:.0f}")
+        before, dropped = fit.copy(), dict(self.dropped)
         fit.shapes = rising
         fit.settle(4, anew=True)
         self.prune(_IN_SLOW_NATS, 0)
-        return True
+        # causes that it imitates go, where it says as much as they did
+        if _worth(fit) - SLOW_PRICE > _worth(before):
+            return True
+        self.log.append("the causes say more than slow noise")
+        self.fit, self.dropped = before, dropped
+        return False
 
     def _table_nats(self) -> float:
         """Return the most evidence that a table has in the noise as it is."""
@@ -486,8 +492,8 @@ class Search:
         return (before - now) / max(self.first_power, 1e-300)
 
     def reshape_all(self) -> None:
-        """Refine the shapes of all accepted causes, each beside the others."""
-        fit = self.fit
+        """Refine the shapes of all accepted causes where that makes the fit likelier."""
+        kept, fit = self.fit, self.fit.copy()
         for part in fit.causes():
             term = fit.parts[part].term
             if term is None or not term.shape:
@@ -497,7 +503,12 @@ class Search:
             moved = refined(beside, fit.record, start, 3)
             if moved.term.shape != term.shape and moved.statistic > start.statistic:
                 fit.reshape(part, moved.term)
+                # the directions of its form error are those about the shape
+                fit.keep(~(fit.form & (fit.owner == part)))
                 fit.settle(1)
+        attach_forms(fit)
+        if value_of(fit) > value_of(kept):
+            self.fit = fit
 
     def prune(self, needed: float = _LEAST_NATS, most: int = 1) -> None:
         """Drop causes that the others, or another noise, made needless."""
@@ -508,6 +519,9 @@ class Search:
             for part in fit.causes():
                 gone = part in impossible or self._merged(part)
                 value = -np.inf if gone else self.evidence_of(part)
+                if value < least and not gone:
+                    # a name has its form error with it, which its evidence alone leaves out
+                    value = max(value, self._lost_without(part))
                 if value < least:
                     worst, least = part, value
             if worst is None:
@@ -518,6 +532,13 @@ class Search:
             self.dropped[name] = again
             fit.remove(worst)
             fit.settle(3)
+
+    def _lost_without(self, part: int) -> float:
+        """Return what a fit loses without a cause, beyond what the cause costs, nats."""
+        fit = self.fit
+        without = fit.without(part)
+        lesser = value_of(_best_formed(without, len(without.parts)))
+        return value_of(fit) - lesser - fit.parts[part].cost_nats
 
     def _merged(self, part: int) -> bool:
         """Return whether a line has moved into the cell of a larger one, whose form it is now."""
@@ -748,6 +769,11 @@ def _turn(entry: tuple[Candidate, ...]) -> float:
 def value_of(fit: Fit) -> float:
     """Return the log likelihood of a fit less what the scales of its form errors cost."""
     return fit.likelihood - form_cost(fit)
+
+
+def _worth(fit: Fit) -> float:
+    """Return the log likelihood of a fit less what its causes and their form errors cost."""
+    return value_of(fit) - sum(fit.parts[part].cost_nats for part in fit.causes())
 
 
 def _plain(entry: tuple[Candidate, ...]) -> float:

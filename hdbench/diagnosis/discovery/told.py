@@ -21,6 +21,7 @@ from hdbench.diagnosis.discovery.search import (
     SHARES,
     SLOW_PRICE,
     Search,
+    is_within,
     settled,
 )
 from hdbench.diagnosis.discovery.spectrum import Shapes
@@ -157,7 +158,7 @@ def distinct(places: list[Unexplained]) -> list[Unexplained]:
 
 
 def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Named], HeldOut]:
-    """Take out of a search the causes that predict nothing beside the others.
+    """Take out of a search the causes that predict nothing beside the others, or are too large.
 
     The latest goes first: of two that can stand for each other one stays.
     """
@@ -168,7 +169,11 @@ def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Na
         whole = held.predict(names)
         some = [p for p in fit.causes() if p in names and not is_table(fit.term(p).cause)]
         without = {part: held.predict(names - {part}) for part in some}
-        idle = [p for p, x in without.items() if x.chi2 <= whole.chi2 or x.rms_nm <= whole.rms_nm]
+        idle = [
+            part
+            for part, x in without.items()
+            if x.chi2 <= whole.chi2 or x.rms_nm <= whole.rms_nm or not is_within(fit, part)
+        ]
         if not idle:
             break
         search.log.append(f"{fit.parts[idle[-1]].name} predicts nothing")
