@@ -135,34 +135,27 @@ def without_faults(
 
 
 def standing(trace: Trace, profile: ProfileData, torque_nm: FloatArray) -> NDArray[np.bool_]:
-    """Return samples at standstill, where the torque moves though neither shaft nor load does.
+    """Return samples at standstill, where the torque moves though the shaft does not.
 
-    Dry friction holds any torque there, up to the one at which the shaft breaks away.
+    Dry friction holds any torque there, up to the one at which the shaft breaks away. Where the
+    load is known, so is the torque at rest.
     """
-    angle, load = angle_of(trace, profile), trace.columns.get("load_torque_nm")
+    angle = angle_of(trace, profile)
     if angle is None:
         velocity = velocity_of(trace, profile)
         angle = None if velocity is None else integrate_velocity(trace.time_s, velocity)[0]
     nothing = np.zeros(len(trace), dtype=bool)
-    if angle is None or len(angle) < 2 * _STILL:
+    if angle is None or "load_torque_nm" in trace or len(angle) < 2 * _STILL:
         return nothing
-
-    def reach(values: FloatArray) -> FloatArray:
-        values = bridged(values)
-        return np.asarray(maximum_filter1d(values, _STILL) - minimum_filter1d(values, _STILL))
-
-    moves = reach(angle)
-    still = moves < _STILL_SHARE * float(np.quantile(moves, 0.9))
-    rest = bridged(torque_nm)
-    if load is not None:
-        still &= reach(load) < _STILL_SHARE * max(float(np.ptp(bridged(load))), 1e-300)
-        rest = rest - bridged(load)
+    angle, torque = bridged(angle), bridged(torque_nm)
+    moves = np.asarray(maximum_filter1d(angle, _STILL) - minimum_filter1d(angle, _STILL))
     # every sample of a window that stands, from its middle to its ends
+    still = moves < _STILL_SHARE * float(np.quantile(moves, 0.9))
     still = binary_opening(still, np.ones(_STILL, dtype=bool))
     still = binary_dilation(still, iterations=_STILL // 2)
-    mean, runs = uniform_filter1d(rest, _STILL), mask_runs(still)
-    inside = [mean[a : b + 1] - mean[a : b + 1].mean() for a, b in runs]
-    alone = bool(inside) and float(np.std(np.concatenate(inside))) < _HOLDS * float(np.std(rest))
+    mean = uniform_filter1d(torque, _STILL)
+    inside = [mean[a : b + 1] - mean[a : b + 1].mean() for a, b in mask_runs(still)]
+    alone = bool(inside) and float(np.std(np.concatenate(inside))) < _HOLDS * float(np.std(torque))
     return nothing if not inside or alone else still
 
 
