@@ -401,7 +401,8 @@ class Search:
         base = solve_best(fit.moments(), fit.shapes, fit.spectrum).likelihood
         start = rising.fit(fit.spectrum.power, fit.bands.counts)
         tried = solve(fit.moments(), rising, start, rounds=4, anew=True, reference=fit.spectrum)
-        gain = tried.likelihood - base - SLOW_PRICE * max(1, len(fit.record.records))
+        price = SLOW_PRICE * max(1, len(fit.record.records))
+        gain = tried.likelihood - base - price
         if gain < max(evidence, 0.0) or gain < self._table_nats():
             return False
         self.log.append(f"slow noise E={gain:.0f}")
@@ -410,7 +411,7 @@ class Search:
         fit.settle(4, anew=True)
         self.prune(_IN_SLOW_NATS, 0)
         # causes that it imitates go, where it says as much as they did
-        if _worth(fit) - SLOW_PRICE > _worth(before):
+        if _worth(fit) - price > _worth(before):
             return True
         self.log.append("the causes say more than slow noise")
         self.fit, self.dropped = before, dropped
@@ -561,10 +562,10 @@ class Search:
         for part in reversed(self.fit.tables() or before):
             fit = self.fit
             held = fit.parts[part]
-            self.fit = without = fit.without(part)
+            self.fit = fit.without(part)
             self.reshape_all()
-            attach_forms(without)
-            lost = value_of(fit) - value_of(_best_formed(without, len(without.parts)))
+            attach_forms(self.fit)
+            lost = value_of(fit) - value_of(_best_formed(self.fit, len(self.fit.parts)))
             if lost > held.cost_nats:
                 self.fit = fit
             else:
