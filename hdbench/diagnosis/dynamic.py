@@ -254,14 +254,18 @@ def searched(
     def find(records: list[Record], told: Report) -> tuple[Search, list[ResidualFaults]]:
         asked: dict[str, Any] = {"alpha": task.alpha, "rng": rng, "progress": told}
         asked["least_share"] = task.least_share
-        if len(records) == 1:
-            found = search(records[0], task.causes, task.known(), **asked)
-            fits = [found.told]
-        else:
-            found = search_together(records, task.causes, task.known(), **asked)
-            fits = [piece.fit for piece, _ in piece_searches(found)]
-        pairs = zip(ready, fits, strict=True)
-        return found, [_faults(task, one, fit, white=True) for one, fit in pairs]
+        if len(records) > 1:
+            both = search_together(records, task.causes, task.known(), **asked)
+            fits = [piece.fit for piece, _ in piece_searches(both)]
+            pairs = zip(ready, fits, strict=True)
+            return both, [_faults(task, one, fit, white=True) for one, fit in pairs]
+        found = search(records[0], task.causes, task.known(), **asked)
+        faults = _faults(task, ready[0], found.told, white=True)
+        if faults.noise_variance is not None:
+            # what a table over the speed explains is no noise
+            found.find_tables()
+            faults = _faults(task, ready[0], found.told, white=True)
+        return found, [faults]
 
     records = [one.record for one in ready]
     found, late = find(records, report)

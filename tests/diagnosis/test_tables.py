@@ -46,6 +46,27 @@ def test_a_line_that_follows_the_load_is_told_with_it():
     assert place.location == pytest.approx(3.3, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("torque", "domain", "second", "place"),
+    [
+        # an amplitude that swings in time is no ripple, though a line holds two thirds of it
+        (lambda t, _, a: (1 + 1.5 * np.cos(0.4 * t)) * np.cos(9.7 * a), "motor-order", "time", 9.7),
+        (lambda _, w, a: (w / 60 - 5) * np.cos(0.057 * a), "output-order", "velocity", 5.7),
+    ],
+)
+def test_a_line_whose_size_follows_another_axis_is_told_with_both(torque, domain, second, place):
+    def wave(time, angle, speed):
+        return 0.5 * NOISE_NM * torque(time, speed, angle)
+
+    found = diagnose_trace(record(wave, motion=(300.0, 120.0, 7.0), n=16_000), PROFILE)
+    assert found.causes == ()
+    (told,) = found.unexplained
+    assert (told.domain, told.second_domain) == (domain, second)
+    # a quarter of the width of a line over 764 turns of the motor, or 7.64 of the output
+    turns = 764.0 if domain == "motor-order" else 7.64
+    assert told.location == pytest.approx(place, abs=0.25 / turns)
+
+
 def test_slow_bursts_below_the_scatter_of_the_samples_are_seen():
     def pulses(time, _angle, _speed):
         starts = np.array([1.3, 2.9, 3.1, 5.2, 7.7, 8.8])

@@ -88,6 +88,7 @@ OUTPUT_LINE = _line(
 TONE_LINE = _line(
     "tone", Parameter("frequency_hz", "Hz", 1e-6, 1e6, "frequency"), "clock", _at_frequency
 )
+MOTOR_ORDER = Parameter("order", "1", 0.05, 1e3, "cycles per turn of the motor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,19 +424,18 @@ def _chance_anywhere(value: float, density: float, dof: int) -> float:
 
 
 def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
-    """Return, for each axis, the motor order that explains most with an envelope over it.
+    """Return, for each axis of lines and each other one, the best line with an envelope over it.
 
     None in a stack of records, each of which has an axis of its own.
     """
-    scan = next((s for s in scans if s.domain == "motor-order"), None)
-    if scan is None or scan.parts:
-        return []
-    (glance,) = glances(fit)
+    scans = tuple(scan for scan in scans if scan.domain != "frequency" and not scan.parts)
+    (glance, *_) = glances(fit)
     weighted = fit.bands.inverse(glance.residual * fit.bands.spread(1.0 / glance.noise))
     weighted = np.where(fit.record.motion.valid, weighted, 0.0)
     axes = axes_of(fit.record)
+    pairs = [(scan, axis) for scan in scans for axis in axes if scan.domain != axis.domain]
     found = []
-    for axis in axes:
+    for scan, axis in pairs:
         count = _TURN_KNOTS if axis.period else _ENVELOPE_KNOTS
         hats = axis.hats(count)
         waves = np.stack([scan.transform(weighted * hat) for hat in hats.T])
@@ -449,16 +449,14 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
         ]
         value, dof, at = max(tried, key=lambda found: found[0] - 4.0 * found[1])
         places = max(2.0, scan.density)
-        chance = min(1.0, (chi2_tail(value, dof)) * places * len(axes) * max(1.0, value / dof))
-        order = float(scan.transform.grid[at])
-        whole = round(order)
-        near = abs(order - whole) < scan.cell and whole >= 1
-        cause = _enveloped(axis, hats, axis.levels(count), len(fit.record))
-        found.append(
-            Look(
-                Term(cause, {"order": float(whole) if near else order}), value, dof, places, chance
-            )
-        )
+        chance = min(1.0, (chi2_tail(value, dof)) * places * len(pairs) * max(1.0, value / dof))
+        place = float(scan.transform.grid[at])
+        whole = round(place)
+        if abs(place - whole) < scan.cell and whole >= 1:
+            place = float(whole)
+        cause = _enveloped(scan, axis, hats, axis.levels(count))
+        term = Term(cause, {cause.shape[0].name: place})
+        found.append(Look(term, value, dof, places, chance))
     return found
 
 
@@ -475,21 +473,24 @@ def _strongest(
     return float(statistic[at]), 2 * apart.shape[1], at
 
 
-def _enveloped(axis: Axis, hats: FloatArray, levels: list[FloatArray], count: int) -> Cause:
-    """Return a motor order with an envelope over an axis, as a cause without a name."""
+def _enveloped(scan: Scan, axis: Axis, hats: FloatArray, levels: list[FloatArray]) -> Cause:
+    """Return a line with an envelope over an axis, as a cause without a name."""
+    on_motor = scan.domain == "motor-order"
+    place = MOTOR_ORDER if on_motor else OUTPUT_LINE.shape[0]
 
     def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        angle = shape["order"] * motion.angle_rad
-        envelope = hats if len(motion) == count else np.ones((len(motion), hats.shape[1]))
-        return np.hstack([envelope * np.cos(angle)[:, None], envelope * np.sin(angle)[:, None]])
+        angle = motion.angle_rad if on_motor else motion.output_angle_rad
+        wave = _pair(shape[place.name] * angle)
+        envelope = hats if len(motion) == len(hats) else np.ones((len(motion), hats.shape[1]))
+        return np.hstack([envelope * wave[:, :1], envelope * wave[:, 1:]])
 
     knots = tuple(
         Parameter(f"knot_{k}_nm", "N m", -1e6, 1e6, "torque at one knot")
         for k in range(2 * hats.shape[1])
     )
-    order = Parameter("order", "1", 0.05, 1e3, "cycles per turn of the motor")
-    name = f"{TABLE}motor-order*{axis.domain}"
-    held = (name, "a line with an envelope", (order,), knots, "motor", "", "", (), "", "")
+    name = f"{TABLE}{scan.domain}*{axis.domain}"
+    locked_to = "motor" if on_motor else "output"
+    held = (name, "a line with an envelope", (place,), knots, locked_to, "", "", (), "", "")
     two = np.eye(2)
     subsets: list[FloatArray] = [np.asarray(np.kron(two, level), dtype=float) for level in levels]
     return Table(*held, columns, False, subsets=tuple(subsets))

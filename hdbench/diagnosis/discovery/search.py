@@ -582,7 +582,7 @@ class Search:
     def exchange_for_table(self) -> bool:
         """Take a table in place of laws that miss the torque's form; return whether any went."""
         for part in self.fit.causes():
-            if part in self.fit.tables() or is_line(self.fit.term(part).cause):
+            if part in self.fit.tables():
                 continue
             view = self.fit.without(part, *self.fit.tables())
             beside = view.beside()
@@ -621,7 +621,8 @@ class Search:
             f"{table.name} for {'+'.join(fit.parts[k].name for k in gone)} E={gain:.0f}"
             f" T={table.statistic:.0f} for {spanned:.0f}"
         )
-        if gain < 0.0 or spanned > SPANS * table.statistic:
+        named = any(not is_table(fit.term(part).cause) for part in gone)
+        if gain < 0.0 or (named and spanned > SPANS * table.statistic):
             return False
         for part in gone:
             name = fit.parts[part].name

@@ -26,7 +26,12 @@ from hdbench.diagnosis.discovery.search import (
 )
 from hdbench.diagnosis.discovery.spectrum import Shapes
 from hdbench.diagnosis.discovery.tables import axes_of, is_table
-from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, term_columns
+from hdbench.diagnosis.discovery.term import (
+    resolution,
+    smooth_shapes,
+    tangent_columns,
+    term_columns,
+)
 from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS, chi2_level, chi2_tail
 from hdbench.model import BenchModel, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
@@ -453,11 +458,11 @@ def place_of(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
         )
     domains = term.name.partition(":")[2].split("*")
     if term.shape:
-        value = term.shape["order"]
+        ((key, value),) = term.shape.items()
         torque = term_columns(term, fit.record) @ fit.linear(index)
-        half = np.pi / max(float(np.ptp(fit.record.motion.angle_rad[fit.record.valid])), 1e-9)
+        half = 0.5 * resolution(key, term, fit.record)
         return Unexplained(
-            domain="motor-order",
+            domain=domains[0],
             second_domain=domains[1],
             location=value,
             extent=(value - half, value + half),
