@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gamma
 
-from hdbench.diagnosis.discovery.dictionary import Look
-from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.diagnosis.discovery.dictionary import Look, explained
+from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.stack import Glance, glances, piece_fit, records_of
 from hdbench.diagnosis.discovery.tables import TABLE, Axis, Table, axes_of
@@ -423,7 +423,7 @@ def _chance_anywhere(value: float, density: float, dof: int) -> float:
     return float(min(1.0, chi2_tail(value, dof) + crossings / gamma(0.5 * dof)))
 
 
-def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
+def modulated_looks(fit: Fit, beside: Beside, scans: tuple[Scan, ...]) -> list[Look]:
     """Return, for each axis of lines and each other one, the best line with an envelope over it.
 
     None in a stack of records, each of which has an axis of its own.
@@ -444,33 +444,57 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
         norms = line_norms(glance, scan, np.hstack(envelopes).T ** 2)
         ends = np.cumsum([mix.shape[1] for mix in mixes])[:-1]
         tried = [
-            _strongest(hat, norm, mix.T @ waves)
-            for hat, norm, mix in zip(envelopes, np.split(norms, ends), mixes, strict=True)
+            (envelope, *_strongest(envelope, norm, mix.T @ waves))
+            for envelope, norm, mix in zip(envelopes, np.split(norms, ends), mixes, strict=True)
         ]
-        value, dof, at = max(tried, key=lambda found: found[0] - 4.0 * found[1])
-        places = max(2.0, scan.density)
-        chance = min(1.0, (chi2_tail(value, dof)) * places * len(pairs) * max(1.0, value / dof))
-        place = float(scan.transform.grid[at])
-        whole = round(place)
-        if abs(place - whole) < scan.cell and whole >= 1:
-            place = float(whole)
-        cause = _enveloped(scan, axis, hats, axis.levels(count))
+        envelope, statistic, dof = max(tried, key=lambda one: one[1].max() - 4.0 * one[2])
+        cause, places = _enveloped(scan, axis, hats, axis.levels(count)), max(2.0, scan.density)
+        # a slow line is not what its cell says: beside the fit the best two are held anew
+        near = [
+            (*_line_beside(beside, scan, place, envelope), place)
+            for place in _best_places(statistic, scan)
+        ]
+        value, dof, place = max(near)
+        chance = chi2_tail(value, dof) * places * len(pairs) * max(1.0, value / dof)
         term = Term(cause, {cause.shape[0].name: place})
-        found.append(Look(term, value, dof, places, chance))
+        found.append(Look(term, value, dof, places, min(1.0, chance)))
     return found
 
 
 def _strongest(
     hats: FloatArray, norms: FloatArray, waves: NDArray[np.complexfloating]
-) -> tuple[float, int, int]:
-    """Return what envelopes explain at the best order, their directions, and its place."""
+) -> tuple[FloatArray, int]:
+    """Return what envelopes explain of every line of a scan, and their directions."""
     unit = scaled(hats)[0]
     value, vector = np.linalg.eigh(unit.T @ unit)
     kept = value > SAME_SPACE * value[-1]
     apart = vector[:, kept] / np.sqrt(value[kept])
     statistic = np.sum(np.abs(apart.T @ (waves / np.sqrt(norms))) ** 2, axis=0)
-    at = int(np.argmax(statistic))
-    return float(statistic[at]), 2 * apart.shape[1], at
+    return statistic, 2 * apart.shape[1]
+
+
+def _best_places(statistic: FloatArray, scan: Scan) -> list[float]:
+    """Return the places of the two strongest lines, at a whole order where one is in the cell."""
+    places = []
+    left = statistic.copy()
+    for _ in range(2):
+        at = int(np.argmax(left))
+        left[max(0, at - 2 * _PER_CELL) : at + 2 * _PER_CELL + 1] = 0.0
+        place = float(scan.transform.grid[at])
+        whole = round(place)
+        near = abs(place - whole) < scan.cell and whole >= 1
+        places.append(float(whole) if near else place)
+    return places
+
+
+def _line_beside(
+    beside: Beside, scan: Scan, place: float, envelope: FloatArray
+) -> tuple[float, int]:
+    """Return the statistic of one line with an envelope beside a fit, and its directions."""
+    wave = _pair(place * scan.phase_rad)
+    rows, _ = scaled_rows(beside.bands, np.hstack([envelope * wave[:, :1], envelope * wave[:, 1:]]))
+    before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
+    return explained(*beside.project(rows), before)
 
 
 def _enveloped(scan: Scan, axis: Axis, hats: FloatArray, levels: list[FloatArray]) -> Cause:

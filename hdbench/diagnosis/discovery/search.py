@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hdbench.diagnosis.discovery.channel import DELAY, LOW_PASS_PRICE, best_delay, start_fit
-from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, explained, make_dictionary
+from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, make_dictionary
 from hdbench.diagnosis.discovery.fit import Beside, Fit, Part
 from hdbench.diagnosis.discovery.form import (
     STRONG,
@@ -167,7 +167,8 @@ class Search:
     def _table_looks(self) -> list[tuple[str, Look]]:
         """Return the tables that explain most; an axis that is told once says no more."""
         held = {part.name for part in self.fit.parts}
-        looks = [*self.tables.looks(self.fit.beside()), *modulated_looks(self.fit, self.scans)]
+        beside = self.fit.beside()
+        looks = [*self.tables.looks(beside), *modulated_looks(self.fit, beside, self.scans)]
         best: dict[str, Look] = {}
         for look in sorted(looks, key=_quick, reverse=True):
             if look.term.name not in held:
@@ -575,7 +576,7 @@ class Search:
 
     def best_table(self, view: Fit, beside: Beside) -> Look | None:
         """Return the table that explains most beside a fit; None without one."""
-        looks = [*self.tables.looks(beside)[:1], *modulated_looks(view, self.scans)]
+        looks = [*self.tables.looks(beside)[:1], *modulated_looks(view, beside, self.scans)]
         looks = [look for look in looks if self.dropped.get(look.term.name, 0) < _AGAIN]
         return max(looks, key=_quick, default=None)
 
@@ -609,9 +610,6 @@ class Search:
             return False
         base = fit.without(*gone)
         beside = base.beside()
-        rows = fit.rows[np.isin(fit.owner, gone) & ~fit.form]
-        before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
-        spanned, _ = explained(*beside.project(rows), before)
         table = candidate_of(beside, base.record, table.term, table.trials, table.false_alarm)
         table = weighed(beside, base.record, table, base.shapes, settled(beside, base))
         cost = table.gain_nats - table.evidence_nats
@@ -619,10 +617,9 @@ class Search:
         gain = value_of(new) - cost - names
         self.log.append(
             f"{table.name} for {'+'.join(fit.parts[k].name for k in gone)} E={gain:.0f}"
-            f" T={table.statistic:.0f} for {spanned:.0f}"
+            f" T={table.statistic:.0f}"
         )
-        named = any(not is_table(fit.term(part).cause) for part in gone)
-        if gain < 0.0 or (named and spanned > SPANS * table.statistic):
+        if gain < 0.0:
             return False
         for part in gone:
             name = fit.parts[part].name

@@ -55,13 +55,18 @@ class Axis:
 
     def hats(self, count: int) -> FloatArray:
         """Return smooth functions over about `count` of the knots."""
-        return self._hats(self.values, self._picked(count))
+        return self._hats(self.values, self.picked(count))
+
+    def origin(self, count: int) -> int:
+        """Return which of about `count` knots is the nearest to zero."""
+        return int(np.argmin(np.abs(self.picked(count))))
 
     def levels(self, count: int) -> list[FloatArray]:
         """Return the values at the knots of functions over fewer of them, each (n_knots, n)."""
-        return [self._hats(self._picked(count), self._picked(fewer)) for fewer in _FEWER]
+        return [self._hats(self.picked(count), self.picked(fewer)) for fewer in _FEWER]
 
-    def _picked(self, count: int) -> FloatArray:
+    def picked(self, count: int) -> FloatArray:
+        """Return about `count` of the knots."""
         if self.period:
             return self.knots[:: max(1, len(self.knots) // count)]
         pick = np.unique(np.linspace(0, len(self.knots) - 1, count).round().astype(int))
@@ -157,7 +162,9 @@ def _table(axes: tuple[Axis, ...], record: Record, count: int) -> Cause:
     """Return a table as a cause; its columns are formed anew whenever they are asked for."""
     thin = slice(None, None, max(1, len(record) // _THIN))
     square = np.sum(_products(axes, count, thin)[record.valid[thin]] ** 2, axis=0)
-    kept = np.flatnonzero(square > _SELDOM * square.max())[1:]
+    # the zero of the baseline holds what all knots have in common; what is slower than the noise of
+    # an acceleration is cut from it, so that it is the knot at rest that goes
+    kept = np.setdiff1d(np.flatnonzero(square > _SELDOM * square.max()), _origin(axes, count))
 
     def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         del motion, shape
@@ -172,11 +179,19 @@ def _table(axes: tuple[Axis, ...], record: Record, count: int) -> Cause:
     if len(axes) == 2:
         both = zip(levels, axes[1].levels(count), strict=True)
         levels = [np.asarray(np.kron(one, other), dtype=float) for one, other in both]
-    subsets = [level[kept][:, 1:] for level in levels]
+    origins = [_origin(axes, fewer) for fewer in _FEWER]
+    pairs = zip(levels, origins, strict=True)
+    subsets = [np.delete(level[kept], origin, axis=1) for level, origin in pairs]
     if len(axes) == 1:
         subsets += list(np.eye(len(kept))[:, :, None])
     held = (name, "a table", (), knots, domains[0], "", "", (), "", "", columns, False)
     return Table(*held, subsets=tuple(subsets))
+
+
+def _origin(axes: tuple[Axis, ...], count: int) -> int:
+    """Return the place of the product that is one where all axes are nearest to zero."""
+    sizes = [len(axis.picked(count)) for axis in axes]
+    return int(np.ravel_multi_index([axis.origin(count) for axis in axes], sizes))
 
 
 def _products(axes: tuple[Axis, ...], count: int, rows: slice) -> FloatArray:
