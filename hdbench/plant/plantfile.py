@@ -16,9 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hi
 import numpy as np
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PositiveFloat,
     ValidationError,
@@ -28,19 +26,12 @@ from pydantic import (
 
 from hdbench.errors import ProfileError
 from hdbench.plant.effects import EFFECT_KINDS, Effect
-from hdbench.profile.loader import problem
+from hdbench.profile.loader import all_problems, problem
+from hdbench.profile.tables import NonNegative, Table
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
-NonNegative = Annotated[float, Field(ge=0.0)]
 
-
-class _Table(BaseModel):
-    """A plant table: unknown keys, NaN and infinities are errors; values never change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-class Draw(_Table):
+class Draw(Table):
     """A number that the seed chooses: ``{ min, max }`` uniform, ``{ any_of }``, or a plain one."""
 
     min: float | None = None
@@ -103,7 +94,7 @@ def _within(domain: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-class _Effect(_Table):
+class _Effect(Table):
     """What all effects share."""
 
     kind: str
@@ -140,14 +131,14 @@ else:
     ]
 
 
-class MotorSpec(_Table):
+class MotorSpec(Table):
     """Friction at the motor shaft: in the current, not in the torque channel behind the mesh."""
 
     coulomb_nm: NonNegative = 0.02
     viscous_nm_s_per_rad: NonNegative = 5e-5
 
 
-class FixtureSpec(_Table):
+class FixtureSpec(Table):
     """Lock, arm and weights."""
 
     repeatability: Annotated[float, Field(ge=0.0, le=0.1)] = 5e-4
@@ -158,7 +149,7 @@ class FixtureSpec(_Table):
     swing_decay_s: PositiveFloat = 1.0
 
 
-class PlantFile(_Table):
+class PlantFile(Table):
     """One plant file."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$")]
@@ -210,15 +201,7 @@ def load_plant(name_or_path: str) -> PlantSpec:
     except ValidationError as error:
         lines = key_lines(text)
         found = [_problem(name_or_path, lines, one) for one in error.errors(include_url=False)]
-        found.sort(key=lambda each: int(each.where.rpartition(":")[2]))
-        if len(found) == 1:
-            raise found[0] from None
-        raise ProfileError(
-            f"{len(found)} problems: " + "; ".join(each.what for each in found[:5]),
-            where=name_or_path,
-            fix="correct each of them",
-            problems=tuple(found),
-        ) from None
+        raise (found[0] if len(found) == 1 else all_problems(name_or_path, found)) from None
     return PlantSpec(data, hashlib.sha256(text.encode()).hexdigest())
 
 

@@ -334,7 +334,7 @@ def _checked(body: dict[str, Any], path: str, text: str = "") -> ProfileData:
         lines = key_lines(text)
         entries = error.errors(include_url=False)
         found = [one for entry in entries for one in schema_problems(path, lines, entry)]
-        raise _all_problems(path, found) from error
+        raise all_problems(path, found) from error
 
 
 def check_loads(profile: Profile) -> None:
@@ -354,10 +354,11 @@ def check_loads(profile: Profile) -> None:
     conflicts = profile.data.load_conflicts()
     found = [problem(profile.path, lines, c.key, c.what, c.fix) for c in conflicts]
     if found:
-        raise _all_problems(profile.path, found)
+        raise all_problems(profile.path, found)
 
 
-def _all_problems(path: str, found: list[ProfileError]) -> ProfileError:
+def all_problems(path: str, found: list[ProfileError]) -> ProfileError:
+    """Return one error that names every problem of a file, in the order of its lines."""
     found.sort(key=lambda error: int(error.where.rpartition(":")[2]))
     count = f"{len(found)} problems" if len(found) != 1 else "1 problem"
     return ProfileError(
