@@ -108,8 +108,10 @@ def open_bench(
         bench = GuardedBench(
             open_daq(data, data.daq),
             host_settings(data, watchdog_s=watchdog_s),
-            lambda: GuardProcess(order_of(data), silence_s, log=guard_log, emulator=emulator),
-            simulation,
+            start_guard=lambda: GuardProcess(
+                order_of(data), silence_s, log=guard_log, emulator=emulator
+            ),
+            simulation=simulation,
             speed=speed,
         )
         stack.callback(bench.close)

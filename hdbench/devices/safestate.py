@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hdbench.devices.bench import SafeState
@@ -13,7 +13,7 @@ from hdbench.errors import HdbenchError
 
 if TYPE_CHECKING:
     from hdbench.devices.daq import Daq
-    from hdbench.devices.host.settings import HostSettings
+    from hdbench.profile.schema import ProfileData
 
 # standing still: eight standard deviations of a tacho with 1 mV noise at 56 rad/s per volt
 STANDSTILL_RAD_S = 0.5
@@ -140,7 +140,7 @@ def _turns(seen: Seen) -> str:
 
 def wait_for_standstill(
     daq: Daq,
-    settings: HostSettings,
+    profile: ProfileData,
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> tuple[float | None, str]:
@@ -159,12 +159,12 @@ def wait_for_standstill(
         # one who cannot see is not asked again
         blind = "tacho" not in reading and "encoder" not in reading
         if "tacho" in reading:
-            speed = reading["tacho"] * settings.tacho_rad_s_per_v
+            speed = reading["tacho"] * profile.tacho.gain_rad_s_per_v
         elif "encoder" in reading:
             now, before = (clock(), reading["encoder"]), last
             last, speed = now, math.inf
             if before is not None and now[0] > before[0]:
-                turn = 2.0 * math.pi / settings.counts_per_turn
+                turn = 2.0 * math.pi / profile.encoder.counts_per_turn
                 speed = (now[1] - before[1]) * turn / (now[0] - before[0])
         return _turns(Seen(velocity_rad_s=speed))
 
@@ -172,18 +172,3 @@ def wait_for_standstill(
     if blind:
         return None, "the device measures no motor speed"
     return speed if speed is not None and math.isfinite(speed) else None, why
-
-
-def confirm_safe(
-    safe: SafeState,
-    daq: Daq,
-    settings: HostSettings,
-    clock: Callable[[], float],
-    sleep: Callable[[float], None],
-) -> SafeState:
-    """Return `safe` with the motor's standstill, where the device has not looked itself."""
-    if not safe.confirmed or safe.velocity_rad_s is not None:
-        return safe
-    speed, why = wait_for_standstill(daq, settings, clock, sleep)
-    detail = why or f"{safe.detail}, motor standing"
-    return replace(safe, confirmed=not why, velocity_rad_s=speed, detail=detail)

@@ -17,6 +17,7 @@ __all__ = [
     "ReferenceProgram",
     "ReferenceWave",
     "program_voltage",
+    "reference_values",
     "reference_voltage",
 ]
 
@@ -170,3 +171,17 @@ def program_voltage(program: ReferenceProgram, sample_period_s: float) -> FloatA
         ramp = part.start_v + (part.end_v - part.start_v) * share
         pieces.append(ramp + part.amplitude_v * np.sin(2.0 * np.pi * (cycles - np.floor(cycles))))
     return np.concatenate(pieces)
+
+
+def reference_values(
+    reference: ReferenceWave | ReferenceProgram | None, sample_period_s: float, duration_s: float
+) -> FloatArray:
+    """Return the reference at every sample of an acquisition, at least one; zeros without one."""
+    if isinstance(reference, ReferenceProgram):
+        return program_voltage(reference, sample_period_s)
+    n_samples = max(1, round(duration_s / sample_period_s))
+    if reference is None:
+        return np.zeros(n_samples)
+    time_s = np.arange(n_samples, dtype=np.float64) * sample_period_s
+    # where rounding puts the last sample at the end, the generator still runs
+    return reference_voltage(reference, time_s, max(duration_s, n_samples * sample_period_s))

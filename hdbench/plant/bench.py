@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import UsageError
-from hdbench.model.waves import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram, reference_values
 from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
 from hdbench.plant.effects import EFFECT_KINDS, encoder_error_rad, start_effect
 from hdbench.plant.fixture import GAIN_HARMONICS, Fixture, PositionGain, shunt_volts
 from hdbench.plant.modelcauses import ModelCauses, with_model
 from hdbench.plant.plantfile import PlantSpec, draw_effects
-from hdbench.plant.timeline import AnalogueChannels, Timeline, reference_values_v
+from hdbench.plant.timeline import AnalogueChannels, Timeline
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray
 
@@ -110,7 +110,7 @@ class SimulatedBench:
             )
         self._restart()
         self._driven = wave is not None
-        reference_v = reference_values_v(sample_period_s, wave, duration_s)
+        reference_v = reference_values(wave, sample_period_s, duration_s)
         mount = self._fixture.mount
         self._causes.move(self._channels, mount, sample_period_s, reference_v)
         self._timeline = Timeline(self._channels, sample_period_s, reference_v, mount)

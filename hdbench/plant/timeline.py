@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
 from hdbench.plant.bridge import GaugeBridge, place_gauges
 from hdbench.plant.converter import (
     HALF_LENGTH_SAMPLES,
@@ -26,7 +25,7 @@ from hdbench.plant.effects import (
 from hdbench.plant.fixture import Mount
 from hdbench.plant.plantfile import MotorSpec
 from hdbench.plant.servo import HoldMotion, command_rad_s, motor_current_a, servo_loop
-from hdbench.profile.schema import HarmonicParameters, ProfileData, ReferenceWave
+from hdbench.profile.schema import HarmonicParameters, ProfileData
 from hdbench.records.trace import FloatArray
 
 
@@ -68,20 +67,6 @@ class ReferenceLine:
         """Drop written values that ended before the hold `before`."""
         while len(self._written) > 1 and self._written[1][0] <= before:
             self._written.popleft()
-
-
-def reference_values_v(
-    sample_period_s: float, wave: ReferenceWave | ReferenceProgram | None, duration_s: float
-) -> FloatArray:
-    """Return the reference at every sample of an acquisition, at least one."""
-    if isinstance(wave, ReferenceProgram):
-        return program_voltage(wave, sample_period_s)
-    n_samples = max(1, round(duration_s / sample_period_s))
-    if wave is None:
-        return np.zeros(n_samples)
-    time_s = np.arange(n_samples, dtype=np.float64) * sample_period_s
-    # where rounding puts the last sample at the end, the generator still runs
-    return reference_voltage(wave, time_s, max(duration_s, n_samples * sample_period_s))
 
 
 # Motor speed over which dry friction at the motor shaft turns its sign, rad/s: far below any speed

@@ -15,7 +15,7 @@ from hdbench.diagnosis.planning.limits import check_motion_plan
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, plan_stages, program_of
 from hdbench.errors import UsageError
-from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
+from hdbench.model.waves import ReferenceProgram, reference_values
 from hdbench.profile.schema import ProfileData, ReferenceWave
 
 # a row of twelve channels is 96 bytes in the journal and some 200 in the trace; a point of a
@@ -353,13 +353,7 @@ def _check_load(point: Point, profile: ProfileData, where: str) -> Iterator[Usag
 def _travel_rad(step: Acquire, profile: ProfileData) -> float:
     """Return how far the motor gets from its start."""
     period_s = step.sample_period_s
-    if step.wave is None:
-        return 0.0
-    if isinstance(step.wave, ReferenceProgram):
-        volts = program_voltage(step.wave, period_s)
-    else:
-        time_s = np.arange(step.n_samples, dtype=np.float64) * period_s
-        volts = reference_voltage(step.wave, time_s, step.duration_s)
+    volts = reference_values(step.wave, period_s, step.duration_s)
     angle = np.cumsum(volts) * period_s * profile.servo.velocity_gain_rad_s_per_v
     return float(np.max(np.abs(angle), initial=0.0))
 

@@ -15,6 +15,8 @@ from hdbench.devices.daq import (
 )
 from hdbench.devices.host import HostSettings
 from hdbench.errors import DeviceError
+from hdbench.profile import load_profile
+from hdbench.profile.acquiring import OutputChannel
 
 TACHO = 50.0
 ROLES = ("torque", "tacho", "encoder")
@@ -34,19 +36,17 @@ ABLE = Capabilities(
     watchdog=WatchdogInfo(0.1, 5.0, 0.1, "write", ("reference", "enable"), latches=True),
     simulated=True,
 )
-SETTINGS = HostSettings(
-    roles=ROLES,
-    watchdog_s=1.0,
-    update_s=0.01,
-    slew_v_per_s=1000.0,
-    limit_v=8.0,
-    velocity_rad_s=400.0,
-    torque_nm=60.0,
-    current_a=10.0,
-    tacho_rad_s_per_v=TACHO,
-    gain_nm_per_v=6.6,
-    counts_per_turn=4000,
+_BENCH = load_profile("cim-tr-97-06").data
+_LIMITS = {"velocity_rad_s": 400.0, "torque_nm": 60.0, "current_a": 10.0}
+PROFILE = _BENCH.model_copy(
+    update={
+        "limits": _BENCH.limits.model_copy(update=_LIMITS),
+        "tacho": _BENCH.tacho.model_copy(update={"gain_rad_s_per_v": TACHO}),
+        "sensor": _BENCH.sensor.model_copy(update={"gain_nm_per_v": 6.6}),
+        "encoder": _BENCH.encoder.model_copy(update={"counts_per_turn": 4000}),
+    }
 )
+SETTINGS = HostSettings(PROFILE, roles=ROLES, watchdog_s=1.0, output=OutputChannel(limit_v=8.0))
 
 
 @dataclass

@@ -45,7 +45,7 @@ def profile_at(address):
 
 def guarding(bench, start_guard):
     """Return the same device with a guard."""
-    return GuardedBench(bench.daq, bench._settings, start_guard)
+    return GuardedBench(bench.daq, bench.settings, start_guard=start_guard)
 
 
 @contextmanager

@@ -10,14 +10,14 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
 from hdbench.devices.bench import AcquisitionSettings, Block, SafeState
-from hdbench.devices.daq import Daq
 from hdbench.devices.guard.order import GuardOrder, as_json
-from hdbench.devices.host import HostedBench, HostSettings
+from hdbench.devices.host import HostedBench
 from hdbench.devices.operator import Simulation
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED
@@ -288,6 +288,7 @@ def _fault(what: str, fix: str = "") -> DeviceError:
     )
 
 
+@dataclass(eq=False, kw_only=True)
 class GuardedBench(HostedBench):
     """A `HostedBench` with a guard that lives from the first motion to the safe state.
 
@@ -305,19 +306,12 @@ class GuardedBench(HostedBench):
         Device seconds per second; other than 1 for an accelerated emulator only.
     """
 
-    def __init__(
-        self,
-        daq: Daq,
-        settings: HostSettings,
-        start_guard: Callable[[], GuardProcess],
-        simulation: Simulation | None = None,
-        *,
-        speed: float = 1.0,
-    ) -> None:
-        super().__init__(daq, settings, speed=speed)
-        self.simulation = simulation
+    start_guard: Callable[[], GuardProcess]
+    simulation: Simulation | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self.guard: GuardProcess | None = None
-        self.start_guard = start_guard
         self._moves = False
 
     def configure(self, settings: AcquisitionSettings) -> None:

@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from hdbench.devices.daq import (
 from hdbench.devices.feasibility import check_demands
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.devices.host.settings import HostSettings, crossed_limit
-from hdbench.devices.safestate import confirm_safe, wait_for_standstill
+from hdbench.devices.safestate import wait_for_standstill
 from hdbench.errors import DeviceError, HdbenchError
 from hdbench.records.trace import FloatArray
 
@@ -182,6 +182,7 @@ class SampleClock:
             self._first_bound_s = min(self._bounds_s)
 
 
+@dataclass(eq=False)
 class HostedBench:
     """Implements `hdbench.devices.bench.Bench` on any DAQ.
 
@@ -197,20 +198,14 @@ class HostedBench:
         Device seconds per second; other than 1 for an accelerated emulator only.
     """
 
-    def __init__(
-        self,
-        daq: Daq,
-        settings: HostSettings,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-        speed: float = 1.0,
-    ) -> None:
-        self.daq = daq
-        self._settings = settings
-        self._clock = clock
-        self._sleep = sleep
-        self._speed = speed
+    daq: Daq
+    settings: HostSettings
+    _: KW_ONLY
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
         self._asked: AcquisitionSettings | None = None
         self._reference: HostReference | None = None
         self._control: ControlThread | None = None
@@ -234,23 +229,23 @@ class HostedBench:
     def configure(self, settings: AcquisitionSettings) -> None:
         """Check what is asked against what the device can, write it, and read it back."""
         able = self.daq.capabilities()
-        check_demands(settings, self._settings, able)
+        check_demands(settings, self.settings, able)
         self._asked, self._reference = settings, None
-        made_here = settings.reference is not None and not able.generator
-        if made_here and settings.reference is not None:
+        if settings.reference is not None and not able.generator:
+            output = self.settings.output
             self._reference = HostReference(
                 settings.reference,
                 settings.sample_period_s,
                 settings.n_samples,
-                limit_v=self._settings.limit_v,
-                slew_v_per_s=self._settings.slew_v_per_s,
+                limit_v=min(output.limit_v, self.settings.profile.limits.reference_v),
+                slew_v_per_s=output.slew_v_per_s,
             )
         period_s = self.daq.configure(
             DaqSettings(
-                roles=self._settings.roles,
+                roles=self.settings.roles,
                 sample_period_s=settings.sample_period_s,
                 n_samples=settings.n_samples,
-                watchdog_s=self._settings.watchdog_s,
+                watchdog_s=self.settings.watchdog_s,
                 reference=settings.reference if able.generator else None,
             )
         )
@@ -271,27 +266,27 @@ class HostedBench:
                 "no acquisition is configured", where="bench", fix="configure it first"
             )
         if self._reference is not None:
-            self.daq.arm_watchdog(self._settings.watchdog_s)
+            self.daq.arm_watchdog(self.settings.watchdog_s)
             self.daq.write_output("reference", 0.0)
             self.daq.enable(on=True)
             self.daq.feed_watchdog()
-        before_s = self._clock()
+        before_s = self.clock()
         self.daq.start()
-        self._start_s = after_s = self._clock()
-        self._samples = SampleClock(asked.sample_period_s / self._speed, before_s, after_s)
+        self._start_s = after_s = self.clock()
+        self._samples = SampleClock(asked.sample_period_s / self.speed, before_s, after_s)
         self._log = ReferenceLog(before_s, 0.0)
         able = self.daq.capabilities()
         written = None if able.generator or not able.drives else self._written
-        self._channels = ChannelMap(self._settings.roles, able, written)
+        self._channels = ChannelMap(self.settings.roles, able, written)
         if self._reference is not None:
             self._control = ControlThread(
                 self.daq,
                 self._reference,
                 self._log,
-                update_s=self._settings.update_s,
-                watchdog_s=self._settings.watchdog_s,
-                clock=self._clock,
-                speed=self._speed,
+                update_s=self.settings.output.update_s,
+                watchdog_s=self.settings.watchdog_s,
+                clock=self.clock,
+                speed=self.speed,
             )
             self._control.start(after_s)
 
@@ -311,7 +306,8 @@ class HostedBench:
         if scans is not None:
             block = self._channels.block(scans, self._start_s, repeats_of(self.daq))
         if control is not None:
-            crossed = self._doubt() or (crossed_limit(block, self._settings) if block else "")
+            profile = self.settings.profile
+            crossed = self._doubt() or (crossed_limit(block, profile) if block else "")
             if crossed:
                 control.crossed(crossed)
             control.seen()
@@ -333,7 +329,7 @@ class HostedBench:
         self.daq.write_output("reference", 0.0)
         self.daq.feed_watchdog()
         self.daq.stop()
-        _, moving = wait_for_standstill(self.daq, self._settings, self._clock, self._feeding_sleep)
+        _, moving = self._standstill(self._feeding_sleep)
         self.daq.enable(on=False)
         self.daq.clear_watchdog()
         if moving:
@@ -366,9 +362,12 @@ class HostedBench:
             drives = self.daq.capabilities().drives
         except HdbenchError:
             drives = True
-        if not drives:
+        if not drives or not safe.confirmed or safe.velocity_rad_s is not None:
             return safe
-        return confirm_safe(safe, self.daq, self._settings, self._clock, self._sleep)
+        # the device has not looked itself whether the motor stands
+        speed, why = self._standstill(self.sleep)
+        detail = why or f"{safe.detail}, motor standing"
+        return replace(safe, confirmed=not why, velocity_rad_s=speed, detail=detail)
 
     def close(self) -> None:
         """Close the connection; never raises."""
@@ -376,27 +375,30 @@ class HostedBench:
             self._control.halt()
         self.daq.close()
 
+    def _standstill(self, sleep: Callable[[float], None]) -> tuple[float | None, str]:
+        return wait_for_standstill(self.daq, self.settings.profile, self.clock, sleep)
+
     def _doubt(self) -> str:
         """Return that samples and reference cannot be put on one clock; empty where they can."""
         doubt_s = self._samples.doubt_s if self._samples is not None else 0.0
-        if doubt_s <= self._settings.max_skew_s:
+        if doubt_s <= self.settings.max_skew_s:
             return ""
         return (
             f"the samples' times are in doubt by {doubt_s:.3f} s against the motor reference; "
-            f"allowed {self._settings.max_skew_s:g} s"
+            f"allowed {self.settings.max_skew_s:g} s"
         )
 
     def _feeding_sleep(self, seconds: float) -> None:
         """Keep the watchdog fed while the motor comes to rest under the drive's control."""
         self.daq.feed_watchdog()
-        self._sleep(seconds)
+        self.sleep(seconds)
 
     def _written(self, first_index: int, n: int) -> FloatArray:
         """Return the reference that stood at n samples, V, as it was written and read back."""
         if self._log is None or self._samples is None:
             return np.full(n, np.nan)
         index = np.arange(first_index, first_index + n, dtype=np.float64)
-        times_s: FloatArray = self._samples.offset_s + index * (self._period_s / self._speed)
+        times_s: FloatArray = self._samples.offset_s + index * (self._period_s / self.speed)
         return self._log.at(times_s)
 
     @property

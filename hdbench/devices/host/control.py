@@ -13,7 +13,7 @@ import numpy as np
 
 from hdbench.devices.daq import Daq
 from hdbench.errors import DeviceError, HdbenchError, UsageError
-from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
+from hdbench.model.waves import ReferenceProgram, reference_values
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
@@ -61,11 +61,7 @@ class HostReference:
         limit_v: float,
         slew_v_per_s: float,
     ) -> None:
-        if isinstance(reference, ReferenceProgram):
-            values = program_voltage(reference, sample_period_s)
-        else:
-            time_s = np.arange(n_samples, dtype=np.float64) * sample_period_s
-            values = reference_voltage(reference, time_s, n_samples * sample_period_s)
+        values = reference_values(reference, sample_period_s, n_samples * sample_period_s)
         peak_v = float(np.max(np.abs(values)))
         if not peak_v <= limit_v * (1.0 + _ROUNDING):
             raise UsageError(

@@ -13,9 +13,6 @@ from hdbench.devices.feasibility import roles_of
 from hdbench.profile.acquiring import CompositeAcquisition, OutputChannel
 from hdbench.profile.schema import ProfileData
 
-# of a device whose table has no [daq.output]
-_UPDATE_S = 0.01
-_SLEW_V_PER_S = 1000.0
 # a converter's scale error; a limit is not crossed within it
 _LIMIT_MARGIN = 1.001
 
@@ -26,36 +23,23 @@ class HostSettings:
 
     Parameters
     ----------
+    profile : ProfileData
+        The bench, for its limits and scales.
     roles : tuple of Role
         Channels to sample.
     watchdog_s : float
         Host silence after which the device makes its outputs safe, s.
-    update_s : float
-        Time between two values of a reference that the host writes, s.
-    slew_v_per_s : float
-        Fastest change of that reference, V/s.
-    limit_v, velocity_rad_s, torque_nm, current_a : float
-        Limits of reference, V, motor speed, rad/s, torque, N m, and motor current, A.
-    tacho_rad_s_per_v, gain_nm_per_v : float
-        Scales of tacho, rad/s/V, and torque, N m/V.
-    counts_per_turn : int
-        Encoder counts per motor turn.
+    output : OutputChannel
+        Limit, pace and slew of a reference that the host writes.
     max_skew_s : float
         Largest doubt of the time of a reference that the host writes, on the clock of the samples,
         s; inf where it does not matter.
     """
 
+    profile: ProfileData
     roles: tuple[Role, ...]
     watchdog_s: float
-    update_s: float
-    slew_v_per_s: float
-    limit_v: float
-    velocity_rad_s: float
-    torque_nm: float
-    current_a: float
-    tacho_rad_s_per_v: float
-    gain_nm_per_v: float
-    counts_per_turn: int
+    output: OutputChannel
     max_skew_s: float = math.inf
 
 
@@ -76,29 +60,23 @@ def host_settings(profile: ProfileData, *, watchdog_s: float | None = None) -> H
     table = profile.daq
     driving = table.outputs if isinstance(table, CompositeAcquisition) else table
     found = getattr(driving, "output", None)
-    output = found if isinstance(found, OutputChannel) else None
-    limits = profile.limits
+    limit_v = profile.limits.reference_v
     return HostSettings(
-        roles=roles_of(table),
-        watchdog_s=profile.daq.watchdog_s if watchdog_s is None else watchdog_s,
-        update_s=output.update_s if output else _UPDATE_S,
-        slew_v_per_s=output.slew_v_per_s if output else _SLEW_V_PER_S,
-        limit_v=min(limits.reference_v, output.limit_v) if output else limits.reference_v,
-        velocity_rad_s=limits.velocity_rad_s,
-        torque_nm=limits.torque_nm,
-        current_a=limits.current_a,
-        tacho_rad_s_per_v=profile.tacho.gain_rad_s_per_v,
-        gain_nm_per_v=profile.sensor.gain_nm_per_v,
-        counts_per_turn=profile.encoder.counts_per_turn,
-        max_skew_s=table.max_skew_s if isinstance(table, CompositeAcquisition) else math.inf,
+        profile,
+        roles_of(table),
+        table.watchdog_s if watchdog_s is None else watchdog_s,
+        found if isinstance(found, OutputChannel) else OutputChannel(limit_v=limit_v),
+        table.max_skew_s if isinstance(table, CompositeAcquisition) else math.inf,
     )
 
 
-def crossed_limit(block: Block, limits: HostSettings) -> str:
+def crossed_limit(block: Block, profile: ProfileData) -> str:
     """Return which limit the samples of a block have crossed."""
+    limits = profile.limits
+    speed = block.tacho_v * profile.tacho.gain_rad_s_per_v
     for name, values, limit, unit in (
-        ("motor speed", block.tacho_v * limits.tacho_rad_s_per_v, limits.velocity_rad_s, "rad/s"),
-        ("torque", block.torque_v * limits.gain_nm_per_v, limits.torque_nm, "N m"),
+        ("motor speed", speed, limits.velocity_rad_s, "rad/s"),
+        ("torque", block.torque_v * profile.sensor.gain_nm_per_v, limits.torque_nm, "N m"),
         ("motor current", block.motor_current_a, limits.current_a, "A"),
     ):
         if np.any(np.abs(values) > _LIMIT_MARGIN * limit):
