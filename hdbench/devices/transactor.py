@@ -21,8 +21,6 @@ class Transactor:
 
     Parameters
     ----------
-    kind : str
-        What the device is, for messages.
     link : Link
         Connection to the device; owned from now on.
     deadline_s : float
@@ -38,17 +36,18 @@ class Transactor:
         Requests that were sent again so far.
     """
 
+    # what the device is, for messages, and what helps where it does not answer
+    _kind: str
     _fix = "check power and network of the device, then run `hdbench doctor`"
 
     def __init__(
         self,
-        kind: str,
         link: Link,
         *,
         deadline_s: float,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.where = f"{kind} {link.where}"
+        self.where = f"{self._kind} {link.where}"
         self.repeats = 0
         self._link = link
         self._deadline_s = deadline_s

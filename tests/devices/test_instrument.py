@@ -166,10 +166,10 @@ def test_a_polled_reading_follows_the_clock():
 
 def test_static_loads_settle_while_they_are_read():
     bench = Bench(data=quiet_profile())
-    bench.instrument.set_fixture(locked=True, position_rad=0.0, mass_kg=0.0, direction=1)
+    bench.instrument.present().set_fixture(locked=True, position_rad=0.0, mass_kg=0.0, direction=1)
     bench.now_s += 0.5
     zero = bench.instrument.look().volts["torque"][-1]
-    bench.instrument.set_fixture(locked=True, position_rad=0.0, mass_kg=4.0, direction=1)
+    bench.instrument.present().set_fixture(locked=True, position_rad=0.0, mass_kg=4.0, direction=1)
     readings = []
     for _ in range(200):
         bench.now_s += 0.05

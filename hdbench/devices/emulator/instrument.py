@@ -217,29 +217,10 @@ class SimulatedInstrument:
         if not self._sampling and self.moving:
             self._pass_time()
 
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Lock or release the wave generator, turn the flexspline, hang a weight.
-
-        Parameters are those of `SimulatedBench.set_fixture`.
-        """
+    def present(self) -> SimulatedBench:
+        """Return the bench as it is now, for who sets its lock, weights or shunt."""
         self._pass_time()
-        self.bench.set_fixture(
-            locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
-        )
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight is handled, and the bridge's shunt resistor.
-
-        Parameters are those of `SimulatedBench.set_handling`.
-        """
-        self._pass_time()
-        self.bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
-
-    def truth(self) -> dict[str, object]:
-        """Return everything that is simulated, as `SimulatedBench.truth`."""
-        return self.bench.truth()
+        return self.bench
 
     @property
     def _command_v(self) -> float:

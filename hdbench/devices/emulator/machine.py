@@ -6,8 +6,7 @@ import struct
 import zlib
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +50,7 @@ def reference_wave(values: Mapping[str, Value]) -> ReferenceWave | None:
     return ReferenceWave.model_validate({"wave": reg.WAVES[code], **numbers})
 
 
-@dataclass(frozen=True, slots=True)
-class BlockHeader:
+class BlockHeader(NamedTuple):
     """What stands before the scans of a block.
 
     Parameters
@@ -86,17 +84,9 @@ def encode_block(header: BlockHeader, scans: bytes) -> bytes:
     whole = np.frombuffer(scans, dtype=">u2").reshape(-1, SCAN_BYTES // 2)
     columns = [word for word in range(SCAN_BYTES // 2) if header.channels >> word & 1]
     encoder = struct.unpack_from(">i", scans, 8)[0] if scans else 0
-    head = HEADER.pack(
-        0,
-        header.run,
-        header.seq,
-        header.flags | header.channels << 8,
-        len(whole),
-        header.depth,
-        header.first_index,
-        encoder,
-        0,
-    )
+    run, seq, flags, depth, first_index, channels = header
+    flags |= channels << 8
+    head = HEADER.pack(0, run, seq, flags, len(whole), depth, first_index, encoder, 0)
     return (head + whole[:, columns].tobytes()).ljust(_WINDOW_BYTES, b"\0")
 
 

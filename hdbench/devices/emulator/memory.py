@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from hdbench.devices.emulator.server import ModbusRefusedError
+from hdbench.devices.emulator.server import Device, ModbusRefusedError
 from hdbench.devices.registers import Kind, Register, Space, decode, range_of
 
 ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 2, 3, 4
@@ -144,3 +144,17 @@ class Memory:
         if not found or not (self.lenient or all(at in found for at in range(start, end))):
             raise ModbusRefusedError(ILLEGAL_ADDRESS)
         return [found.get(at, 0) for at in range(start, end)]
+
+
+class MemoryDevice(Device):
+    """A device whose registers and bits are a memory."""
+
+    memory: Memory
+
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers or bits."""
+        return self.memory.read(space, address, count)
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers or a bit."""
+        self.memory.write(space, address, raw)

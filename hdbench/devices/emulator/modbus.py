@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any
 
 from hdbench.devices.emulator.instrument import SimulatedInstrument
-from hdbench.devices.emulator.memory import DEVICE_FAILURE, Cell, Memory
-from hdbench.devices.emulator.server import Device, ModbusRefusedError
+from hdbench.devices.emulator.memory import DEVICE_FAILURE, Cell, Memory, MemoryDevice
+from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.devices.emulator.serving import Emulation, ModbusWire
 from hdbench.devices.modbus.identity import SIGNATURE, signature_address
 from hdbench.devices.modbus.inputs import input_info
@@ -195,7 +195,7 @@ class Driving:
 
 
 @dataclass(eq=False)
-class ModbusDevice(Device):
+class ModbusDevice(MemoryDevice):
     """Holds the map, answers requests, and stops the motor when nobody feeds its watchdog.
 
     Parameters
@@ -243,11 +243,7 @@ class ModbusDevice(Device):
     def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
         """Return registers or bits; all channels of one request are of one moment."""
         self._asked = True
-        return self.memory.read(space, address, count)
-
-    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
-        """Write registers or a bit."""
-        self.memory.write(space, address, raw)
+        return super().read(space, address, count, connection)
 
     def tick(self) -> None:
         """Let time pass."""

@@ -49,21 +49,18 @@ class _Order(Table):
     handling: _Handling | None = None
 
 
-Bench = SimulatedBench | SimulatedInstrument
-
-
 class Channel:
     """Listens on a free loopback port for a simulated operator.
 
     Parameters
     ----------
-    bench : SimulatedBench or SimulatedInstrument
-        What has lock, arm and weights.
-    busy : callable, optional
+    bench : callable
+        Gives the bench of this moment: lock, arm and weights.
+    busy : callable
         Whether nobody can reach into the bench now.
     """
 
-    def __init__(self, bench: Bench, *, busy: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, bench: Callable[[], SimulatedBench], busy: Callable[[], bool]) -> None:
         self._bench = bench
         self._busy = busy
         self._server: asyncio.Server | None = None
@@ -101,16 +98,16 @@ class Channel:
             writer.close()
 
 
-def _carry_out(line: bytes, bench: Bench, busy: Callable[[], bool]) -> str:
+def _carry_out(line: bytes, bench: Callable[[], SimulatedBench], busy: Callable[[], bool]) -> str:
     """Carry out one order; return why not, empty when it was done."""
     try:
         order = _Order.model_validate_json(line)
         if order.model_fields_set and busy():
             return "an acquisition is running"
         if order.fixture is not None:
-            bench.set_fixture(**order.fixture.model_dump())
+            bench().set_fixture(**order.fixture.model_dump())
         if order.handling is not None:
-            bench.set_handling(**order.handling.model_dump())
+            bench().set_handling(**order.handling.model_dump())
     except ValidationError as error:
         key = ".".join(map(str, error.errors()[0]["loc"]))
         return f"{key}: out of its domain" if key else "no order of a simulated operator"
@@ -309,13 +306,6 @@ class Emulation:
     @cached_property
     def instrument(self) -> SimulatedInstrument:
         """The bench at electrical terminals, for devices whose host writes the reference."""
-        if self.model_file is not None:
-            raise UsageError(
-                "an extended model needs the whole motion beforehand; this device's reference is "
-                "written by its host as it goes",
-                where="--model",
-                fix="emulate the profile's own model, or a node",
-            )
         return SimulatedInstrument(
             self.bench,
             self.profile.encoder.counts_per_turn,
@@ -405,8 +395,8 @@ async def _serve(
                 else f"{settings.host}:{settings.port}",
                 fix="choose another port, or 0 for a free one",
             ) from error
-    reached = emulation.instrument if emulation.hosted else emulation.bench
-    channel = Channel(reached, busy=emulation.busy)
+    bench = emulation.instrument.present if emulation.hosted else lambda: emulation.bench
+    channel = Channel(bench, emulation.busy)
     control = await channel.open()
     keys = found.get("", {"address": "parts", **found})
     ready({**keys, **({"speed": emulation.speed} if emulation.hosted else {}), "control": control})

@@ -52,6 +52,7 @@ class Access(Transactor):
         Monotonic clock in s, and waiting.
     """
 
+    _kind = "Modbus"
     _fix = "check power, wiring, unit and bit rate of the device, then run `hdbench doctor`"
 
     def __init__(
@@ -67,7 +68,7 @@ class Access(Transactor):
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        super().__init__("Modbus", link, deadline_s=deadline_s, clock=clock)
+        super().__init__(link, deadline_s=deadline_s, clock=clock)
         self._min_gap_s = min_gap_s
         self._max_registers = max_registers
         self._bridge = bridge

@@ -123,6 +123,7 @@ class NodeAccess(Transactor):
     sent exactly once: what became of a write without an answer has to be read back.
     """
 
+    _kind = "node"
     _fix = "check address, power and cable of the node, then run `hdbench doctor`"
     _identity: Identity | None = None
     _limits: dict[str, Value] | None = None
@@ -131,7 +132,7 @@ class NodeAccess(Transactor):
     def __init__(
         self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        super().__init__("node", link, deadline_s=deadline_s, clock=clock)
+        super().__init__(link, deadline_s=deadline_s, clock=clock)
         self._session = 0
         self._heartbeat = 0
         self._nonce = 0

@@ -7,14 +7,13 @@ import secrets
 import struct
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from hdbench.devices.registers import Register, decode
 from hdbench.devices.transactor import TWICE, Transactor
 from hdbench.devices.wire.link import (
     ExceptionReply,
     FrameError,
-    Link,
     ReplyForm,
     Request,
     read_registers,
@@ -70,10 +69,7 @@ class Control(Transactor):
     their caller calls repeatable; what became of a write without an answer has to be read back.
     """
 
-    def __init__(
-        self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        super().__init__("LabJack", link, deadline_s=deadline_s, clock=clock)
+    _kind = "LabJack"
 
     def read(self, *registers: Register) -> list[float | int]:
         """Return the values of registers anywhere in the map."""

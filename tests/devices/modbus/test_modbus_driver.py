@@ -24,7 +24,7 @@ COUPLER_FAST = COUPLER.model_copy(update={"reply_s": 0.0})
 
 def lock(found, mass_kg=2.0):
     found.call(
-        lambda: found.instrument.set_fixture(
+        lambda: found.instrument.present().set_fixture(
             locked=True, position_rad=0.0, mass_kg=mass_kg, direction=1
         )
     )

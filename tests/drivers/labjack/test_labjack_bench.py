@@ -9,6 +9,7 @@ from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.serving import EmulatorSettings, emulate
 from hdbench.errors import UsageError
+from hdbench.model import BenchModel, save_model
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 
@@ -69,6 +70,8 @@ def test_a_motion_runs_from_reference_to_standstill(tmp_path):
 
 
 def test_an_extended_model_is_refused_by_the_emulator(tmp_path):
+    file = tmp_path / "model.json"
+    save_model(file, BenchModel.from_profile(T7.data), profile=T7, provenance={})
     with pytest.raises(UsageError, match="written by its host"):
         emulate(
             T7.data,
@@ -76,5 +79,5 @@ def test_an_extended_model_is_refused_by_the_emulator(tmp_path):
             0,
             EmulatorSettings(),
             ready=lambda _: None,
-            model_file=tmp_path / "model.json",
+            model_file=file,
         )

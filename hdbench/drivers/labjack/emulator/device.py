@@ -9,10 +9,9 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory
-from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer
+from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory, MemoryDevice
+from hdbench.devices.emulator.server import ModbusRefusedError, ModbusServer
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
-from hdbench.devices.registers import Space
 from hdbench.drivers.labjack.emulator.streaming import (
     CORE_TIMER_HZ,
     DeviceWatchdog,
@@ -21,7 +20,6 @@ from hdbench.drivers.labjack.emulator.streaming import (
     Wiring,
 )
 from hdbench.drivers.labjack.table import LabJackAcquisition
-from hdbench.errors import DeviceError
 
 EMULATOR_NAME = "hdbench-emulator"
 _PRODUCTS = {"T4": 4, "T7": 7}
@@ -37,7 +35,7 @@ _MAX_REGISTERS = 255
 _SLOW_BYTES = 16384
 
 
-class LabJackDevice(Device):
+class LabJackDevice(MemoryDevice):
     """A T4 or T7 that knows the registers a bench needs."""
 
     functions = frozenset((3, 6, 16, 76))
@@ -66,14 +64,6 @@ class LabJackDevice(Device):
         self.watchdog.heard()
         self.watchdog.tick()
         return True
-
-    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
-        """Return registers."""
-        return self.memory.read(space, address, count)
-
-    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
-        """Write registers."""
-        self.memory.write(space, address, raw)
 
     def other(self, pdu: bytes) -> bytes:
         """Carry out a feedback request: reads and writes one after the other."""
@@ -288,12 +278,8 @@ class EmulatedLabJack:
                 control.close()
                 if left > 1:
                     continue
-                raise DeviceError(
-                    f"cannot listen on ports {port} and {port + STREAM_OFFSET} "
-                    f"({error.strerror or error})",
-                    where=f"{host}:{port}",
-                    fix="choose another port, or 0 for a free pair",
-                ) from error
+                ports = f"ports {port} and {port + STREAM_OFFSET}: {error.strerror or error}"
+                raise OSError(error.errno, ports) from error
             break
         self._control = control
         return {"address": address, "stream_port": above}

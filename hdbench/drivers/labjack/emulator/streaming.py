@@ -139,25 +139,26 @@ class Calibration:
 
     def words(self, volts: FloatArray, number: int, range_v: float) -> NDArray[np.uint16]:
         """Return the 16-bit words that AIN`number` streams for `volts`."""
-        if self.model == "T4":
-            slope, offset = self.floats[2 * min(number, 4) : 2 * min(number, 4) + 2]
-            # a 12-bit converter: its lowest four bits stay zero
-            raw = np.rint((volts - offset) / slope / 16.0) * 16.0
-        else:
-            at = 4 * _GAINS.index(range_v or 10.0)
-            positive, negative, center = self.floats[at : at + 3]
-            raw = np.rint(np.where(volts >= 0.0, volts / positive, -volts / negative) + center)
-        words: NDArray[np.uint16] = np.clip(raw, 0, _TOP).astype(np.uint16)
+        positive, negative, center = self._constants(number, range_v)
+        # a 12-bit converter: its lowest four bits stay zero
+        step = 16.0 if self.model == "T4" else 1.0
+        raw = np.where(volts >= 0.0, volts / positive, -volts / negative) + center
+        words: NDArray[np.uint16] = np.clip(np.rint(raw / step) * step, 0, _TOP).astype(np.uint16)
         return words
 
     def volts(self, word: int, number: int, range_v: float) -> float:
         """Return the volts that the device itself makes of a word."""
-        if self.model == "T4":
-            slope, offset = self.floats[2 * min(number, 4) : 2 * min(number, 4) + 2]
-            return word * slope + offset
-        at = 4 * _GAINS.index(range_v or 10.0)
-        positive, negative, center = self.floats[at : at + 3]
+        positive, negative, center = self._constants(number, range_v)
         return (word - center) * positive if word >= center else (center - word) * negative
+
+    def _constants(self, number: int, range_v: float) -> tuple[float, ...]:
+        """Return positive slope, negative slope and centre of an input."""
+        if self.model == "T7":
+            at = 4 * _GAINS.index(range_v or 10.0)
+            return self.floats[at : at + 3]
+        at = 2 * min(number, 4)
+        slope, offset = self.floats[at : at + 2]
+        return slope, -slope, -offset / slope
 
 
 class Wiring:
