@@ -7,7 +7,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -212,6 +212,7 @@ class _Fixture:
         return {name: float(value) for name, value in asdict(self).items()}
 
 
+@dataclass(eq=False)
 class SimulatedOperator:
     """Does at once what a person would be asked to do, without error but for chosen mistakes.
 
@@ -236,27 +237,21 @@ class SimulatedOperator:
         If `bench` has no control channel.
     """
 
-    def __init__(
-        self,
-        bench: Bench,
-        mistakes: Mistakes | None = None,
-        *,
-        shunt_ohm: float = 0.0,
-        fresh: bool = True,
-        motion: Callable[[str], bool] = lambda _: True,
-    ) -> None:
-        if bench.simulation is None:
+    bench: Bench
+    mistakes: Mistakes = Mistakes()
+    _: KW_ONLY
+    shunt_ohm: float = 0.0
+    fresh: bool = True
+    motion: Callable[[str], bool] = lambda _: True
+
+    def __post_init__(self) -> None:
+        if self.bench.simulation is None:
             raise UsageError(
                 "a real bench needs a person beside it",
                 where="bench",
                 fix="run the command on a terminal, without --no-input",
             )
-        self._bench = bench
-        self._simulation = bench.simulation
-        self._motion = motion
-        self._mistakes = mistakes or Mistakes()
-        self._shunt_ohm = shunt_ohm
-        self._fresh = fresh
+        self._simulation = self.bench.simulation
         self._now = _Fixture()
         self._history: list[dict[str, float]] = []
 
@@ -280,7 +275,7 @@ class SimulatedOperator:
 
     def confirm_motion(self, description: str) -> bool:
         """Allow the motion of a bench beside which nobody stands, or ask."""
-        return self._motion(description)
+        return self.motion(description)
 
     # -- calibrations -----------------------------------------------------------------------------
 
@@ -304,10 +299,10 @@ class SimulatedOperator:
         attempt : int
             Which time it is loaded, from 1.
         """
-        wrong = self._mistakes.of(number, attempt)
+        wrong = self.mistakes.of(number, attempt)
         if "wrong-weight" in wrong:
             named = wrong["wrong-weight"]
-            mass_kg = self._mistakes.other_mass_kg(mass_kg, number) if math.isnan(named) else named
+            mass_kg = self.mistakes.other_mass_kg(mass_kg, number) if math.isnan(named) else named
         self._handle(wrong.get("swing", 0.0), wrong.get("early-release", 0.0))
         self.hang(mass_kg, direction=direction, expected_nm=0.0, step="")
         if "early-release" in wrong:
@@ -316,9 +311,9 @@ class SimulatedOperator:
 
     def shunt(self, *, closed: bool) -> bool:
         """Switch the shunt resistor; False where the bench has none."""
-        if not self._shunt_ohm > 0.0:
+        if not self.shunt_ohm > 0.0:
             return False
-        self._now.shunt_ohm = self._shunt_ohm if closed else 0.0
+        self._now.shunt_ohm = self.shunt_ohm if closed else 0.0
         self._handle(0.0, 0.0)
         self._history.append(self._now.to_dict())
         return True
@@ -343,7 +338,7 @@ class SimulatedOperator:
         and draws the gain of a clamping and the noise of an acquisition by that number: both are
         gone through again, so that gain and zero go on as they were and no noise comes twice.
         """
-        changes = history if self._fresh else history[-1:]
+        changes = history if self.fresh else history[-1:]
         for change in changes:
             self._now = _Fixture(
                 bool(change["locked"]),
@@ -356,10 +351,10 @@ class SimulatedOperator:
         if changes:
             self._handle(0.0, 0.0)
         self._history = [dict(change) for change in history]
-        for _ in range(acquisitions if self._fresh else 0):
-            self._bench.configure(AcquisitionSettings(_BURN_PERIOD_S, 1, None))
-            self._bench.start()
-            self._bench.stop()
+        for _ in range(acquisitions if self.fresh else 0):
+            self.bench.configure(AcquisitionSettings(_BURN_PERIOD_S, 1, None))
+            self.bench.start()
+            self.bench.stop()
 
     def _handle(self, swing_rad: float, release_s: float) -> None:
         self._simulation.set_handling(

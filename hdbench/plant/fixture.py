@@ -126,25 +126,21 @@ def shunt_volts(profile: ProfileData, shunt_ohm: float) -> float:
     return signal_v * profile.sensor.amplifier_gain
 
 
+@dataclass(eq=False)
 class Fixture:
     """What is mounted now."""
 
-    def __init__(
-        self,
-        arm: Arm,
-        spec: FixtureSpec,
-        gain: PositionGain,
-        stream: Callable[[int], np.random.Generator],
-    ) -> None:
-        self._arm = arm
-        self._settling = spec
-        self._gain = gain
-        self._stream = stream
+    arm: Arm
+    spec: FixtureSpec
+    gain: PositionGain
+    stream: Callable[[int], np.random.Generator]
+
+    def __post_init__(self) -> None:
         self._clampings = 0
         self._direction = 1
         self._swing_rad, self._release_s = 0.0, 0.0
-        still = ArmLoad(0.0, 0.0, arm.gravity_m_s2, self._settling)
-        self.mount = Mount(False, 0.0, gain.mean_nm_per_v, still, 0.0)
+        still = ArmLoad(0.0, 0.0, self.arm.gravity_m_s2, self.spec)
+        self.mount = Mount(False, 0.0, self.gain.mean_nm_per_v, still, 0.0)
 
     def restart(self, elapsed_s: float) -> None:
         """Count time from a new acquisition."""
@@ -171,9 +167,7 @@ class Fixture:
         if not (same_place and self._direction == direction):
             gain = self._clamp(locked, position_rad)
         self._direction = direction
-        wanted = (
-            direction * mass_kg * self._arm.gravity_m_s2 * self._arm.length_m if locked else 0.0
-        )
+        wanted = direction * mass_kg * self.arm.gravity_m_s2 * self.arm.length_m if locked else 0.0
         load, since_s = old.load, old.since_s
         if not (same_place and wanted == load.after_nm and math.isinf(load.release_s)):
             before = old.torque_now_nm(now_s) if locked else 0.0
@@ -185,16 +179,16 @@ class Fixture:
 
     def _handled(self, before_nm: float, after_nm: float) -> ArmLoad:
         """Return a new load, handled as was asked."""
-        settling, release_s = self._settling, self._release_s or math.inf
+        settling, release_s = self.spec, self._release_s or math.inf
         if self._swing_rad:
             free = {"swing_rad": self._swing_rad, "swing_decay_s": FREE_SWING_S}
             settling = settling.model_copy(update=free)
-        return ArmLoad(before_nm, after_nm, self._arm.gravity_m_s2, settling, release_s)
+        return ArmLoad(before_nm, after_nm, self.arm.gravity_m_s2, settling, release_s)
 
     def _clamp(self, locked: bool, position_rad: float) -> float:
         """Return the gain of a new clamping, N m/V."""
         if not locked:
-            return self._gain.mean_nm_per_v
+            return self.gain.mean_nm_per_v
         self._clampings += 1
-        error = float(self._stream(self._clampings).standard_normal())
-        return self._gain.at(position_rad) * (1.0 + self._settling.repeatability * error)
+        error = float(self.stream(self._clampings).standard_normal())
+        return self.gain.at(position_rad) * (1.0 + self.spec.repeatability * error)

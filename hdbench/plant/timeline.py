@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -158,6 +158,7 @@ class AnalogueChannels:
 BLOCK_HOLDS = 64
 
 
+@dataclass(eq=False)
 class Timeline:
     """Samples of one acquisition, in pieces of any size.
 
@@ -166,29 +167,25 @@ class Timeline:
     after n samples takes effect that much after the last of them.
     """
 
-    def __init__(
-        self,
-        channels: AnalogueChannels,
-        sample_period_s: float,
-        reference_v: FloatArray,
-        mount: Mount,
-        *,
-        start: tuple[float, float] = (0.0, 0.0),
-        host_written: bool = False,
-    ) -> None:
-        self._channels = channels
-        self.sample_period_s = sample_period_s
-        self._n_steps = steps_per_sample(sample_period_s)
+    channels: AnalogueChannels
+    sample_period_s: float
+    reference_v: FloatArray
+    mount: Mount
+    _: KW_ONLY
+    start: tuple[float, float] = (0.0, 0.0)
+    host_written: bool = False
+
+    def __post_init__(self) -> None:
+        self._n_steps = steps_per_sample(self.sample_period_s)
         self._decimator = Decimator.design(self._n_steps)
-        self._loop = servo_loop(channels.profile.servo)
-        self._reference = ReferenceLine(reference_v)
-        self._ahead = 0 if host_written else BLOCK_HOLDS
-        self._mount = mount
+        self._loop = servo_loop(self.channels.profile.servo)
+        self._reference = ReferenceLine(self.reference_v)
+        self._ahead = 0 if self.host_written else BLOCK_HOLDS
         self.served = 0
         self._edge = 0
-        self._starts = np.array(start)[:, None]
+        self._starts = np.array(self.start)[:, None]
         self._starts_first = 0
-        self._volts = self._before(start)
+        self._volts = self._before(self.start)
         self._ready = np.zeros((3, 0))
 
     @property
@@ -238,7 +235,7 @@ class Timeline:
     def remount(self, mount: Mount) -> None:
         """Change lock, arm or weight at the leading edge."""
         self._interrupt()
-        self._mount = mount
+        self.mount = mount
 
     def advance(self, n_samples: int) -> AnalogueSamples:
         """Return the next samples, without noise."""
@@ -277,19 +274,19 @@ class Timeline:
     ) -> tuple[FloatArray, HoldMotion]:
         """Return channels and motion of the holds from `first` on."""
         step_s = self.sample_period_s / self._n_steps
-        if self._mount.locked:
+        if self.mount.locked:
             command, start = np.zeros_like(command), (0.0, 0.0, 0.0)
         motion = self._loop.run(command, step_s, self._n_steps, start)
         steps = np.arange(len(command) * self._n_steps, dtype=np.float64)
         time_s = first * self.sample_period_s + steps.reshape(len(command), -1) * step_s
-        return self._channels.volts(time_s, motion, self._mount), motion
+        return self.channels.volts(time_s, motion, self.mount), motion
 
     def _extend(self, wanted: int) -> None:
         """Compute the next block of holds and filter what it completes."""
         keep = min(self._volts.shape[1], 2 * HALF_LENGTH_SAMPLES - 1)
         holds = self._ahead or wanted + 2 * HALF_LENGTH_SAMPLES - 1 - keep
         references = self.references(self._edge - 1, holds + 1)
-        command = command_rad_s(self._channels.profile, references)
+        command = command_rad_s(self.channels.profile, references)
         start = (*self._state(self._edge), float(command[0]))
         volts, motion = self._simulate(self._edge, command[1:], start)
         self._volts = np.concatenate((self._volts[:, -keep:], volts), axis=1)

@@ -153,7 +153,7 @@ def reached(address: str, deadline_s: float) -> Access:
     place, probe = parse_address(address), make_probe(TABLE)
     return Access(
         polled_link(place, unit=1, probe=probe),
-        deadline_s=deadline_s,
+        TABLE.model_copy(update={"deadline_s": deadline_s}),
         probe=None if place.is_numbered else probe,
         numbered=place.is_numbered,
     )

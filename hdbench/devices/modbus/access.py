@@ -6,11 +6,12 @@ import math
 import time
 from collections.abc import Callable, Sequence
 
-from hdbench.devices.modbus.layout import Block, plan_blocks, values_of, write_request
+from hdbench.devices.modbus.layout import blocks_of, values_of, write_request
 from hdbench.devices.registers import Register
 from hdbench.devices.transactor import TWICE, Build, Transactor
 from hdbench.devices.wire.link import ExceptionReply, FrameError, Link, Probe, ReplyCheck
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
+from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
 # exceptions that mean the profile is wrong, and those that mean "later"
 _WRONG_PROFILE = (1, 2, 3)
@@ -35,8 +36,10 @@ class Access(Transactor):
     ----------
     link : Link
         Connection; owned from now on.
-    deadline_s : float
-        Longest time of one transaction, s, the wait for another thread's included.
+    table : ModbusAcquisition
+        Deadline of one transaction, the wait for another thread's included; rest of the device
+        between two requests; most registers of one read, and how many that nobody asked for may be
+        read along.
     probe : callable, optional
         Of a line without transaction numbers: the who-are-you read that follows every read for 2 s
         after a fault. Replies come in the order of their requests: had a late one been taken for
@@ -44,10 +47,6 @@ class Access(Transactor):
     numbered : bool, optional
         False for a line without transaction numbers: a read is then not sent while the reply to an
         earlier request may still come, up to 0.35 deadlines after the end of that try.
-    min_gap_s : float
-        Rest of the device between two requests, s.
-    max_registers, bridge : int
-        Most registers of one read, and how many that nobody asked for may be read along.
     clock, sleep : callable, optional
         Monotonic clock in s, and waiting.
     """
@@ -58,20 +57,16 @@ class Access(Transactor):
     def __init__(
         self,
         link: Link,
+        table: ModbusAcquisition,
         *,
-        deadline_s: float,
         probe: Probe | None = None,
         numbered: bool = True,
-        min_gap_s: float = 0.0,
-        max_registers: int = 125,
-        bridge: int = 0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        super().__init__(link, deadline_s=deadline_s, clock=clock)
-        self._min_gap_s = min_gap_s
-        self._max_registers = max_registers
-        self._bridge = bridge
+        super().__init__(link, deadline_s=table.deadline_s, clock=clock)
+        self._table = table
+        self._min_gap_s = table.min_gap_s
         self._sleep = sleep
         self._rested_s = 0.0
         self._probe = probe
@@ -79,15 +74,11 @@ class Access(Transactor):
         self._numbered = numbered
         self._doubtful_until_s = self._late_until_s = -math.inf
 
-    def blocks(self, places: Sequence[Register]) -> tuple[Block, ...]:
-        """Return the reads that hold `places`."""
-        return plan_blocks(places, most=self._max_registers, bridge=self._bridge)
-
     def read(self, places: Sequence[Register]) -> list[float | int]:
         """Return the values of places, read in as few requests as may be."""
         replies = {
             block: self.transact(block.request, block.name, TWICE)[2:]
-            for block in self.blocks(places)
+            for block in blocks_of(self._table, places)
         }
         return values_of(places, replies)
 

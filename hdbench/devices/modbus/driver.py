@@ -24,6 +24,7 @@ from hdbench.devices.modbus.identity import check_identity, make_probe
 from hdbench.devices.modbus.inputs import Inputs, Polling, input_info
 from hdbench.devices.modbus.layout import (
     Block,
+    blocks_of,
     bounds,
     form_of,
     place_of,
@@ -110,7 +111,7 @@ def reads_of(table: ModbusAcquisition, count: int | None = None) -> tuple[Block,
     channels = table.channels[:count]
     places = [place_of(table, channel) for channel in channels]
     places += [place_of(table, w) for c in channels for w in (c.status, c.sign) if w is not None]
-    return plan_blocks(places, most=table.max_read_registers, bridge=table.bridge_registers)
+    return blocks_of(table, places)
 
 
 def set_up(access: Access, table: ModbusAcquisition) -> int:
@@ -327,12 +328,9 @@ def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     link = polled_link(address, unit=table.unit, probe=probe, tls=table.tls)
     access = Access(
         link,
-        deadline_s=table.deadline_s,
+        table,
         probe=None if address.is_numbered else probe,
         numbered=address.is_numbered,
-        min_gap_s=table.min_gap_s,
-        max_registers=table.max_read_registers,
-        bridge=table.bridge_registers,
     )
     return ModbusDaq(access, table)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hdbench.devices.bench import Identity
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import Block, fits, needed, place_of, plan_blocks
+from hdbench.devices.modbus.layout import Block, blocks_of, fits, needed, place_of
 from hdbench.devices.registers import Order, Register, decode, encode
 from hdbench.devices.wire.link import FrameError, Probe, ReplyCheck
 from hdbench.errors import DeviceError, ProfileError
@@ -99,17 +99,13 @@ def _odd_lengths(table: ModbusAcquisition) -> list[Block]:
     """Return reads of registers that exist, each of a length that no regular read has."""
     polled = [place_of(table, channel) for channel in table.channels]
     single = [place_of(table, rule) for rule in table.identify]
-    blocks = plan_blocks(
-        [*polled, *single], most=table.max_read_registers, bridge=table.bridge_registers
-    )
+    blocks = blocks_of(table, [*polled, *single])
     # any value may be read alone, and every run of channels as one block: these lengths are usual
     usual = {place.size for place in (*polled, *single)} | {block.size for block in blocks}
     usual |= {
         block.size
         for count in range(1, len(polled) + 1)
-        for block in plan_blocks(
-            polled[:count], most=table.max_read_registers, bridge=table.bridge_registers
-        )
+        for block in blocks_of(table, polled[:count])
     }
     largest = max(
         (block for block in blocks if block.space in ("holding", "input")),

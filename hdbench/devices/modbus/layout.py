@@ -118,6 +118,12 @@ def form_of(place: Register) -> tuple[str, tuple[int, ...]]:
     return FORMATS[place.kind], tuple(ordered(bytes(range(2 * place.size)), place.order))
 
 
+def blocks_of(table: ModbusAcquisition, places: Sequence[Register]) -> tuple[Block, ...]:
+    """Return the reads of a device that hold all places."""
+    most, bridge = table.max_read_registers, table.bridge_registers
+    return plan_blocks(places, most=most, bridge=bridge)
+
+
 def plan_blocks(places: Sequence[Register], *, most: int, bridge: int) -> tuple[Block, ...]:
     """Return the fewest reads of adjacent registers that hold all places."""
     blocks: list[Block] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -78,27 +78,24 @@ def accepted_line(
     )
 
 
+@dataclass(eq=False)
 class CalibrationWalk:
     """One calibration on one bench."""
 
-    def __init__(
-        self,
-        task: Task,
-        bench: Bench,
-        journal: JournalWriter,
-        talk: Conversation,
-        operator: SimulatedOperator | None,
-    ) -> None:
-        self._task = task
-        self._profile = task.profile.data
-        self._bench = bench
-        self._talk = talk
-        self.log = CalibrationLog(journal, task.plan.points, task.content)
-        self._mounting = Mounting(self.log, operator)
-        self._reader = BridgeReader(self._profile, bench, task.stop)
+    task: Task
+    bench: Bench
+    journal: JournalWriter
+    talk: Conversation
+    operator: SimulatedOperator | None
+
+    def __post_init__(self) -> None:
+        self._profile = self.task.profile.data
+        self.log = CalibrationLog(self.journal, self.task.plan.points, self.task.content)
+        self._mounting = Mounting(self.log, self.operator)
+        self._reader = BridgeReader(self._profile, self.bench, self.task.stop)
         self._before_s = self.log.state.time_s
         # samples tell the time of a bench that does not keep real time
-        self._timed = bench.simulation is None or bool(task.options.realtime)
+        self._timed = self.bench.simulation is None or bool(self.task.options.realtime)
         self.safe: SafeState | None = None
 
     def run(self) -> None:
@@ -107,19 +104,19 @@ class CalibrationWalk:
         try:
             self._mounting.restore()
             if state.locked:
-                self._talk.tell(left_line(state))
+                self.talk.tell(left_line(state))
             while True:
-                self._task.stop.check()
+                self.task.stop.check()
                 pending = state.pending()
                 if pending:
-                    self._task.progress(
+                    self.task.progress(
                         pending[0].describe(), 1.0 - len(pending) / len(state.points)
                     )
                     self._visit(pending[0])
                 elif self._finished():
                     return
         finally:
-            self.safe = self._bench.safe_state()
+            self.safe = self.bench.safe_state()
 
     # -- asking ----------------------------------------------------------------------------------
 
@@ -127,11 +124,11 @@ class CalibrationWalk:
         if point is not None:
             place = f"{point.number} of {len(self.log.state.points)}"
             question = replace(question, progress=place)
-        if self._talk.attended:
-            with self._task.stop.interruptible():
-                reply = self._talk.ask(question)
+        if self.talk.attended:
+            with self.task.stop.interruptible():
+                reply = self.talk.ask(question)
         else:
-            reply = self._talk.ask(question)
+            reply = self.talk.ask(question)
         if reply.answer is Answer.QUIT:
             self._quit()
         return reply
@@ -139,7 +136,7 @@ class CalibrationWalk:
     def _quit(self) -> None:
         state = self.log.state
         self.log.note("saved", time_s=self._time_s())
-        where = str(self._task.folder.path)
+        where = str(self.task.folder.path)
         raise Stopped(
             f"saved: {len(state.standing)} readings taken, {len(state.pending())} points to go",
             where=where,
@@ -149,7 +146,7 @@ class CalibrationWalk:
 
     def _finished(self) -> bool:
         state = self.log.state
-        if not self._talk.attended:
+        if not self.talk.attended:
             return True
         left = f", {len(state.skipped)} skipped" if state.skipped else ""
         text = f"{len(state.standing)} readings taken{left}. Finish the calibration?"
@@ -165,14 +162,14 @@ class CalibrationWalk:
             self._quit()
         if wanted is Answer.SKIP and point is not None:
             self.log.note("skipped", point=point.number)
-            self._talk.tell(f"skipped: {point.label}")
+            self.talk.tell(f"skipped: {point.label}")
             return
         earlier = self.log.state.before(point)
         if earlier is None:
-            self._talk.tell("no reading to go back to at this position and side")
+            self.talk.tell("no reading to go back to at this position and side")
             return
         self.log.note("reopened", point=earlier.number, why=wanted.value)
-        self._talk.tell(f"again: {earlier.label}; its reading is kept, marked {wanted.value}")
+        self.talk.tell(f"again: {earlier.label}; its reading is kept, marked {wanted.value}")
 
     # -- one point -------------------------------------------------------------------------------
 
@@ -230,12 +227,12 @@ class CalibrationWalk:
             earliest_s = rule.read_after * rule.period_s + window_s
             left_s = max((1.0 - judged.share) * window_s, earliest_s - waited_s)
             torque_nm = expectation.torque_nm(judged.value_v)
-            return self._talk.watch(LiveReading(judged, torque_nm, left_s))
+            return self.talk.watch(LiveReading(judged, torque_nm, left_s))
 
         watched = self._reader.watched
         taken = self._reader.take(rule, watch)
         if watched and not self._reader.watched:
-            self._talk.tell(
+            self.talk.tell(
                 "this bench has no encoder: look yourself whether the lock holds", remarkable=True
             )
         return taken
@@ -278,9 +275,9 @@ class CalibrationWalk:
         else:
             self.log.append("reading", entry)
         line = accepted_line(point, taken.reading, expectation, flags)
-        self._talk.tell(line, remarkable=bool(flags))
+        self.talk.tell(line, remarkable=bool(flags))
         if point.role == "shunt":
-            self._talk.tell("Switch the shunt resistor off again.")
+            self.talk.tell("Switch the shunt resistor off again.")
             self._mounting.open_shunt()
 
     def _expectation(self, point: Point) -> Expectation:
@@ -289,14 +286,14 @@ class CalibrationWalk:
     def _time_s(self) -> float:
         if not self._timed:
             return self._before_s + self._reader.sampled_s
-        started = datetime.fromisoformat(str(self._task.folder.manifest["started_utc"]))
+        started = datetime.fromisoformat(str(self.task.folder.manifest["started_utc"]))
         return max(self.log.state.time_s, (utc_now() - started).total_seconds())
 
     # -- what is kept -----------------------------------------------------------------------------
 
     def records(self) -> Loads | None:
         """Return the readings that count, as the journal has them."""
-        folder = self._task.folder
+        folder = self.task.folder
         if not self.log.state.standing:
             return None
         content = read_journal(folder.journal)
@@ -306,7 +303,7 @@ class CalibrationWalk:
 
     def files(self) -> list[Path]:
         """Write the readings that count, and the course of the calibration."""
-        folder = self._task.folder
+        folder = self.task.folder
         files = [write_sequence(folder.path, read_journal(folder.journal))]
         records = self.records()
         if records is not None:

@@ -3,6 +3,7 @@
 import struct
 
 import pytest
+from modbuskit import table
 
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.registers import Register
@@ -43,10 +44,9 @@ class Line:
     def sleep(self, seconds):
         self.now_s += max(0.0, seconds)
 
-    def access(self, **keys):
-        return Access(
-            self, deadline_s=DEADLINE_S, clock=lambda: self.now_s, sleep=self.sleep, **keys
-        )
+    def access(self, *, min_gap_s=0.0, **keys):
+        made = table(deadline_s=DEADLINE_S, min_gap_s=min_gap_s)
+        return Access(self, made, clock=lambda: self.now_s, sleep=self.sleep, **keys)
 
 
 @pytest.mark.parametrize("numbered", [True, False])

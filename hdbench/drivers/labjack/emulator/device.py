@@ -7,6 +7,7 @@ import errno
 import struct
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 
 from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory, MemoryDevice
@@ -35,6 +36,7 @@ _MAX_REGISTERS = 255
 _SLOW_BYTES = 16384
 
 
+@dataclass(eq=False)
 class LabJackDevice(MemoryDevice):
     """A T4 or T7 that knows the registers a bench needs."""
 
@@ -42,22 +44,19 @@ class LabJackDevice(MemoryDevice):
     # larger than Modbus has them: a feedback request may fill a packet of Ethernet
     longest = 1040
 
-    def __init__(
-        self,
-        wiring: Wiring,
-        serial: int,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    wiring: Wiring
+    serial: int
+    _: KW_ONLY
+    clock: Callable[[], float] = time.monotonic
+
+    def __post_init__(self) -> None:
         self.rebooted: Callable[[], None] = lambda: None
         self.readers: set[asyncio.WriteTransport] = set()
-        self.wiring = wiring
         self.memory = Memory(_MAX_REGISTERS, whole=True)
-        self._clock = clock
-        self.stream = StreamEngine(self.memory, wiring, self._ticks, lambda: self.levels)
-        self.watchdog = DeviceWatchdog(self.memory, clock, self._time_out)
+        self.stream = StreamEngine(self.memory, self.wiring, self._ticks, lambda: self.levels)
+        self.watchdog = DeviceWatchdog(self.memory, self.clock, self._time_out)
         self.levels = self.directions = 0
-        self._build(serial)
+        self._build(self.serial)
 
     def hears(self, function: int) -> bool:
         """Feed the watchdog."""
@@ -162,7 +161,7 @@ class LabJackDevice(MemoryDevice):
         add(2850, "u32", on_read=lambda: self.directions, writable=False)
 
     def _ticks(self) -> int:
-        return int(self._clock() * CORE_TIMER_HZ)
+        return int(self.clock() * CORE_TIMER_HZ)
 
     def _ain(self, number: int) -> float:
         if self.stream.running:
