@@ -94,13 +94,9 @@ class CompositeDaq:
                 where="keys daq.inputs and daq.outputs",
                 fix="name two real devices, or two emulated ones",
             )
-        return Identity(
-            vendor=f"{one.vendor} + {other.vendor}",
-            model=f"{one.model} + {other.model}",
-            serial=f"{one.serial} + {other.serial}",
-            firmware=f"{one.firmware} + {other.firmware}",
-            simulated=one.simulated,
-        )
+        names = ("vendor", "model", "serial", "firmware")
+        both = {name: f"{getattr(one, name)} + {getattr(other, name)}" for name in names}
+        return Identity(**both, simulated=one.simulated)
 
     def claim(self) -> None:
         """Take both, the one that moves first."""

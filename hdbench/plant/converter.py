@@ -50,6 +50,12 @@ class RawSamples:
     reference_code: NDArray[np.int16]
     encoder_count: NDArray[np.int64]
 
+    @property
+    def codes(self) -> NDArray[np.int16]:
+        """Codes of the four channels, a row a sample."""
+        codes = (self.torque_code, self.tacho_code, self.current_code, self.reference_code)
+        return np.stack(codes, axis=1)
+
     def __len__(self) -> int:
         return len(self.torque_code)
 

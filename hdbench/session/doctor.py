@@ -14,6 +14,7 @@ from pathlib import Path
 from hdbench.devices import open_bench
 from hdbench.devices.driver import drivers
 from hdbench.devices.guard import GuardedBench
+from hdbench.devices.lock import is_line
 from hdbench.devices.opening import addresses_of
 from hdbench.devices.serial_ports import latency_timer_ms
 from hdbench.errors import DataError, HdbenchError
@@ -113,11 +114,10 @@ def _disk(folder: Path) -> Finding:
 
 def check_ports(profile: Profile, address: str | None) -> list[Finding]:
     """Look at the serial ports that the profile names: there, allowed, quick enough."""
-    findings = []
+    findings: list[Finding] = []
     for name in addresses_of(profile.data.daq, address or profile.data.daq.address):
-        scheme, _, path = name.partition("://")
-        if scheme in ("rtu", "ascii", "serial"):
-            findings += list(_port(path))
+        if is_line(name):
+            findings += _port(name.partition("://")[2])
     return findings
 
 

@@ -25,11 +25,10 @@ from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.registers import IDENTITY, TEST
-from hdbench.drivers.labjack.scanlist import ScanLayout
+from hdbench.drivers.labjack.scanlist import StreamSetup
 from hdbench.drivers.labjack.stream import PacketParser, ScanAssembler, StreamFault
 from hdbench.errors import DeviceError
 
-LAYOUT = ScanLayout(4, 2, 40_000.0)
 SCANS, PACKETS = 20, 8
 DEADLINE_S = 0.05
 # Modbus TCP has no checksum: other values are well formed. A read has no echo
@@ -63,7 +62,7 @@ STREAM_FAULTS: dict[str, Spoil] = {
 
 def _delivered(packets: list[bytes], random: np.random.Generator) -> tuple[list[tuple], bool]:
     """Return runs and whether an error was told."""
-    parser, scans = PacketParser(4 * SCANS), ScanAssembler(LAYOUT, 4 * SCANS)
+    parser, scans = PacketParser(4 * SCANS), ScanAssembler(4, 2, StreamSetup(1e-3, 4 * SCANS))
     data = b"".join(packets)
     cut = int(random.integers(1, len(data)))
     runs: list[tuple] = []

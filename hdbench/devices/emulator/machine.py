@@ -276,17 +276,8 @@ class NodeMachine:
         if count > 0:
             samples = self.bench.advance(count)
             self.device_s += count * self._period_s
-            codes = np.stack(
-                (
-                    samples.torque_code,
-                    samples.tacho_code,
-                    samples.current_code,
-                    samples.reference_code,
-                ),
-                axis=1,
-            )
             self.encoder_count = int(samples.encoder_count[-1])
-            self.fifo.append(encode_scans(codes, samples.encoder_count))
+            self.fifo.append(encode_scans(samples.codes, samples.encoder_count))
             self._note("sampling")
         if self.fifo.taken >= self._n_samples:
             self.end(reg.State.FINISHED)

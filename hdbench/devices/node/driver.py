@@ -231,8 +231,7 @@ class NodeDaq:
 
     def arm_watchdog(self, time_s: float) -> float:
         """Return the watchdog's time, s; `configure` sets it and a start arms it."""
-        values = decode_group(reg.PARAMETERS, self.node.read(reg.PARAMETERS))
-        found_s = 1e-3 * float(values["watchdog_ms"])
+        found_s = self._watchdog_s()
         if not found_s <= time_s:
             raise self.node.error(
                 f"the watchdog's time is {found_s:g} s; needed: at most {time_s:g} s",
@@ -248,9 +247,8 @@ class NodeDaq:
     def watchdog(self) -> WatchdogState:
         """Return the watchdog's state."""
         state = self.status()["state"]
-        values = decode_group(reg.PARAMETERS, self.node.read(reg.PARAMETERS))
-        armed_s = 1e-3 * float(values["watchdog_ms"])
-        return WatchdogState(state == reg.State.RUNNING, state == reg.State.TRIPPED, armed_s)
+        running, tripped = state == reg.State.RUNNING, state == reg.State.TRIPPED
+        return WatchdogState(running, tripped, self._watchdog_s())
 
     def clear_watchdog(self) -> None:
         """Clear a latched trip by writing the parameter block as it stands."""
@@ -295,6 +293,10 @@ class NodeDaq:
     def close(self) -> None:
         """Give the session back and close the connection; never raises."""
         self.node.close()
+
+    def _watchdog_s(self) -> float:
+        values = decode_group(reg.PARAMETERS, self.node.read(reg.PARAMETERS))
+        return 1e-3 * float(values["watchdog_ms"])
 
     def _seen(self) -> Seen:
         status = self.status()

@@ -18,7 +18,7 @@ from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.dataq.driver import EMULATOR_NAME
 from hdbench.drivers.dataq.scans import BUFFER_SAMPLES, MODELS, Model
 from hdbench.drivers.dataq.table import DataqAcquisition
-from hdbench.records.trace import FloatArray
+from hdbench.plant.converter import to_code
 from hdbench.system.lines import PseudoTerminal
 
 Terminal = tuple[Input, float]
@@ -46,7 +46,7 @@ def scan_words(
         if kind in _ANALOG:
             name, factor = wiring.get(kind, ("torque", 0.0))
             volts = samples.volts[name] * factor
-            columns.append(_analog(volts, ranges.get(entry >> 8, 10.0), model.bits))
+            columns.append(to_code(volts, ranges.get(entry >> 8, 10.0), model.bits))
         elif kind == _COUNTER and edges is not None:
             columns.append((edges % 65536 - _FULL).astype(np.int16))
         else:
@@ -55,13 +55,6 @@ def scan_words(
     words = np.column_stack(columns).astype(np.int16)
     if not model.digital:
         words[:, 0] |= lines & 3
-    return words
-
-
-def _analog(volts: FloatArray, range_v: float, bits: int) -> NDArray[np.int16]:
-    step = 1 << (16 - bits)
-    counts = np.rint(volts * (_FULL / (range_v * step))) * step
-    words: NDArray[np.int16] = np.clip(counts, -_FULL, _FULL - step).astype(np.int16)
     return words
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -95,7 +94,7 @@ def _near(value: float, nominal: float) -> bool:
 CORE_TIMER_HZ = 40e6
 QUADRATURE = "quadrature"
 # two lines with a counter each that work as a pair
-_PAIRS = {"T7": (0, 1), "T4": (4, 5)}
+QUADRATURE_LINES = {"T7": (0, 1), "T4": (4, 5)}
 # FIO and EIO: the lines whose level one streamed word holds
 _STREAMED_LINES = 16
 # an analog input never reads 0xFFFF; these are its ends
@@ -112,15 +111,6 @@ class Decoded:
 
 
 @dataclass(frozen=True, slots=True)
-class ScanLayout:
-    """Where in a scan what stands."""
-
-    n_entries: int
-    timer: int
-    period_ticks: float
-
-
-@dataclass(frozen=True, slots=True)
 class ScanPlan:
     """One acquisition's scan list and how its words are read."""
 
@@ -130,10 +120,6 @@ class ScanPlan:
     line_bit: int
     line_high: bool
     timer: int
-
-    def layout(self, period_s: float) -> ScanLayout:
-        """Return what the scan counter needs to know."""
-        return ScanLayout(len(self.addresses), self.timer, period_s * CORE_TIMER_HZ)
 
     def decode(self, words: NDArray[np.uint16]) -> Decoded:
         """Return scans in units."""
@@ -159,11 +145,6 @@ class ScanPlan:
         return level if self.line_high else ~level
 
 
-def quadrature_lines(model: str) -> tuple[int, int]:
-    """Return the lines of the encoder."""
-    return _PAIRS[model]
-
-
 def plan_scan(
     table: LabJackAcquisition,
     roles: tuple[Role, ...],
@@ -180,7 +161,7 @@ def plan_scan(
     for role in roles:
         if channels[role].input == QUADRATURE:
             positions[role] = len(addresses)
-            first = quadrature_lines(table.model)[0]
+            first = QUADRATURE_LINES[table.model][0]
             addresses += [reg.ef_count(first).address, reg.STREAM_CAPTURE_16]
     output = table.output
     line = None
@@ -200,7 +181,6 @@ def plan_scan(
 
 
 _T4_HIGH_V = 10.0
-_T4_HIGH_INPUTS = 4
 # single-ended inputs of the device itself; above them are those of multiplexer boards
 _T7_INPUTS = 14
 _T7_DIFFERENTIAL = range(0, 13, 2)
@@ -208,10 +188,10 @@ _T7_DIFFERENTIAL = range(0, 13, 2)
 
 def check_table(table: LabJackAcquisition) -> None:
     """Refuse a table that the model cannot carry out."""
-    problems = [*_model_problems(table)]
+    problems = list(_model_problems(table))
     for channel in table.channels:
         problems += _channel_problems(table.model, channel)
-    problems += [*_role_problems(table), *_line_problems(table)]
+    problems += _line_problems(table)
     if problems:
         errors = tuple(
             ProfileError(what, where=f"key daq.{key}", fix=fix) for key, what, fix in problems
@@ -231,16 +211,8 @@ def _model_problems(table: LabJackAcquisition) -> Iterator[_Problem]:
         what = f"{table.model} is not supported: how its streamed words become volts is published "
         what += "only as part of its maker's library"
         yield "model", what, 'use model = "T7" or "T4"'
-
-
-def _role_problems(table: LabJackAcquisition) -> Iterator[_Problem]:
-    for role, count in Counter(channel.role for channel in table.channels).items():
-        if count > 1:
-            what = f"{count} channels have the role {role}"
-            yield "channels", what, "give each role to one channel"
     if all(channel.input == QUADRATURE for channel in table.channels):
-        what = "no analog input; the stream needs one"
-        yield "channels", what, "add the torque channel"
+        yield "channels", "no analog input; the stream needs one", "add the torque channel"
 
 
 def _channel_problems(model: str, channel: LabJackChannel) -> Iterator[_Problem]:
@@ -252,7 +224,7 @@ def _channel_problems(model: str, channel: LabJackChannel) -> Iterator[_Problem]
         return
     number, range_v, negative = channel.number, channel.range_v, channel.negative
     if model == "T4":
-        if not (number < _T4_HIGH_INPUTS and range_v == _T4_HIGH_V):
+        if not (number < _T4_HIGH and range_v == _T4_HIGH_V):
             what = f"AIN{number} with +-{range_v:g} V; a bench needs both signs, which a T4 has on "
             what += "AIN0 to AIN3 with +-10 V only"
             yield key, what, "use AIN0 to AIN3 and range_v = 10.0"
@@ -274,7 +246,7 @@ def _line_problems(table: LabJackAcquisition) -> Iterator[_Problem]:
         return
     taken: dict[int, str] = {}
     if any(channel.input == QUADRATURE for channel in table.channels) and table.model != "T8":
-        taken.update(dict.fromkeys(quadrature_lines(table.model), "the encoder"))
+        taken.update(dict.fromkeys(QUADRATURE_LINES[table.model], "the encoder"))
     if output.output.startswith("TDAC"):
         first = int(output.output.removeprefix("TDAC")) // 2 * 2
         if first in taken or first + 1 in taken:
@@ -284,7 +256,7 @@ def _line_problems(table: LabJackAcquisition) -> Iterator[_Problem]:
     line = output.enable_line
     if line in taken:
         yield "output.enable_line", f"DIO{line} belongs to {taken[line]}", "use a free line"
-    if table.model == "T4" and line < _T4_HIGH_INPUTS:
+    if table.model == "T4" and line < _T4_HIGH:
         what = f"DIO{line} of a T4 is an analog input"
         yield "output.enable_line", what, "use DIO4 or above"
 
@@ -341,7 +313,7 @@ def _input(channel: LabJackChannel, model: str) -> InputInfo:
 def read_inputs(control: Control, table: LabJackAcquisition) -> dict[Role, float]:
     """Return one reading of every channel in one transaction, outside of a stream."""
     registers = [
-        reg.ef_count(quadrature_lines(table.model)[0])
+        reg.ef_count(QUADRATURE_LINES[table.model][0])
         if channel.input == QUADRATURE
         else reg.analog_input(channel.number)
         for channel in table.channels
@@ -436,7 +408,7 @@ def set_up_inputs(control: Control, table: LabJackAcquisition) -> None:
 
 def _set_up_counter(control: Control, model: str) -> None:
     """Pair two lines as a quadrature counter; one that counts already goes on counting."""
-    lines = quadrature_lines(model)
+    lines = QUADRATURE_LINES[model]
     wanted = (_QUADRATURE_INDEX, 1)
     if all(tuple(control.read(reg.ef_index(n), reg.ef_enable(n))) == wanted for n in lines):
         return

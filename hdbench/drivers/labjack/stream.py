@@ -18,7 +18,7 @@ from hdbench.devices.daq import WAIT_S, ScanBlock, StreamedAcquisition
 from hdbench.devices.wire.address import dial
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.registers import error_name
-from hdbench.drivers.labjack.scanlist import Decoded, ScanLayout, ScanPlan, StreamSetup
+from hdbench.drivers.labjack.scanlist import CORE_TIMER_HZ, Decoded, ScanPlan, StreamSetup
 from hdbench.errors import DeviceError
 
 _HEADER = struct.Struct(">HHHBBBBHHH")
@@ -186,9 +186,11 @@ class ScanAssembler:
     for the T series, so the timer decides between the two readings.
     """
 
-    def __init__(self, layout: ScanLayout, samples_per_packet: int) -> None:
-        self._layout = layout
-        self._per_packet = samples_per_packet // layout.n_entries
+    def __init__(self, n_entries: int, timer: int, setup: StreamSetup) -> None:
+        self._entries = n_entries
+        self._timer = timer
+        self._period_ticks = setup.period_s * CORE_TIMER_HZ
+        self._per_packet = setup.samples_per_packet // n_entries
         self._index = 0
         self._ticks: int | None = None
         self._claimed: tuple[int, ...] = (0,)
@@ -200,10 +202,10 @@ class ScanAssembler:
 
     def take(self, packet: Packet) -> list[ScanRun]:
         """Return the runs of scans in a packet."""
-        scans, rest = divmod(len(packet.samples), self._layout.n_entries)
+        entries = self._entries
+        scans, rest = divmod(len(packet.samples), entries)
         if rest and packet.status == Status.OK:
             raise StreamFault(f"{len(packet.samples)} samples are no whole scans")
-        entries = self._layout.n_entries
         words = packet.samples[: scans * entries].reshape(scans, entries)
         self._claim(packet.skipped * self._per_packet)
         joints = np.flatnonzero(words[:, 0] == _JOINT)
@@ -227,12 +229,12 @@ class ScanAssembler:
         return [self._run(words) for words in parts if len(words)]
 
     def _run(self, words: NDArray[np.uint16]) -> ScanRun:
-        timer = self._layout.timer
+        timer = self._timer
         ticks = words[:, timer].astype(np.int64) + (words[:, timer + 1].astype(np.int64) << 16)
         first = int(ticks[0])
         lost = self._lost_before(first)
-        errors = _distance(np.diff(ticks), self._layout.period_ticks)
-        if np.any(errors > _TOLERANCE * self._layout.period_ticks):
+        errors = _distance(np.diff(ticks), self._period_ticks)
+        if np.any(errors > _TOLERANCE * self._period_ticks):
             where = self._index + lost + 1 + int(np.argmax(errors))
             raise StreamFault(
                 f"the core timer jumps at scan {where}: scans are missing or mixed up"
@@ -245,7 +247,7 @@ class ScanAssembler:
 
     def _lost_before(self, ticks: int) -> int:
         """Return which of the claimed numbers the timer confirms."""
-        period = self._layout.period_ticks
+        period = self._period_ticks
         if self._ticks is None:
             if self._claimed != (0,):
                 raise StreamFault("the first scans are missing: nothing tells how many")
@@ -291,7 +293,7 @@ class Acquisition(StreamedAcquisition):
         super().__init__(n_samples, packet_s)
         self._plan = plan
         self._parser = PacketParser(setup.samples_per_packet)
-        self._scans = ScanAssembler(plan.layout(setup.period_s), setup.samples_per_packet)
+        self._scans = ScanAssembler(len(plan.addresses), plan.timer, setup)
         self._scan_bytes = 2 * len(plan.addresses)
         self._runs: deque[ScanRun] = deque()
         self._socket: socket.socket | None = None

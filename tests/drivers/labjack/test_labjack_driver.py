@@ -301,7 +301,6 @@ def test_a_safe_state_that_cannot_be_seen_is_not_confirmed():
         ({"output": LabJackOutput(output="TDAC2", limit_v=8.0, enable_line=1)}, "to the encoder"),
         ({"output": LabJackOutput(output="TDAC2", limit_v=8.0, enable_line=3)}, "LJTick-DAC"),
         ({"channels": PROFILE.daq.channels[4:]}, "no analog input"),
-        ({"channels": PROFILE.daq.channels[:1] * 2}, "2 channels have the role torque"),
         (
             {"channels": (PROFILE.daq.channels[0].model_copy(update={"range_v": 5.0}),)},
             "a T7 has 10, 1, 0.1, 0.01 V",

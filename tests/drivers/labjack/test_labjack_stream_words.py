@@ -8,13 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hdbench.drivers.labjack.scanlist import InputScale, ScanLayout, nominal_scale, scale_from_flash
+from hdbench.drivers.labjack.scanlist import (
+    InputScale,
+    StreamSetup,
+    nominal_scale,
+    scale_from_flash,
+)
 from hdbench.drivers.labjack.stream import PacketParser, ScanAssembler, StreamFault
 
 # three words a scan: an input, then the core timer; 1 kHz is 40 000 ticks of 25 ns
-LAYOUT = ScanLayout(3, 1, 40_000.0)
 SCANS = 4
 SAMPLES = SCANS * 3
+LAYOUT = (3, 1, StreamSetup(1e-3, SAMPLES))
 
 
 def flat(parts) -> list[int]:
@@ -51,7 +56,7 @@ def packet(
 
 def delivered(data: bytes, *, split: int | None = None) -> list[tuple[int, int, list[int]]]:
     """Return first index, lost and first words of the runs that come out of `data`."""
-    parser, scans = PacketParser(SAMPLES), ScanAssembler(LAYOUT, SAMPLES)
+    parser, scans = PacketParser(SAMPLES), ScanAssembler(*LAYOUT)
     size = split or len(data)
     runs = []
     for at in range(0, len(data), size):
@@ -152,7 +157,7 @@ def test_a_header_that_is_none_ends_the_stream_before_its_samples(wrong):
 def test_bytes_missing_within_a_packet_keep_that_packet_back():
     for cut in range(1, len(packet(1, 4))):
         data = packet(0, 0) + packet(1, 4)[:-cut] + packet(2, 8) + packet(3, 12)
-        parser, scans = PacketParser(SAMPLES), ScanAssembler(LAYOUT, SAMPLES)
+        parser, scans = PacketParser(SAMPLES), ScanAssembler(*LAYOUT)
         runs = []
         try:
             parser.feed(data)
@@ -190,7 +195,7 @@ def test_a_flipped_bit_is_found_or_stays_within_a_single_value(bit):
 
 def test_numbers_and_timer_wrap():
     first = 65_533
-    parser, scans = PacketParser(SAMPLES), ScanAssembler(LAYOUT, SAMPLES)
+    parser, scans = PacketParser(SAMPLES), ScanAssembler(*LAYOUT)
     parser._next = first
     offset = (2**32 - 7_000_000_00) // 40_000 - 6
     data = b"".join(packet((first + n) % 65536, offset + SCANS * n) for n in range(6))

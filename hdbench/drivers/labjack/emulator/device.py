@@ -13,6 +13,7 @@ from functools import partial
 from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory, MemoryDevice
 from hdbench.devices.emulator.server import ModbusRefusedError, ModbusServer
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.drivers.labjack.driver import EMULATOR_NAME, STREAM_OFFSET
 from hdbench.drivers.labjack.emulator.streaming import (
     CORE_TIMER_HZ,
     DeviceWatchdog,
@@ -22,7 +23,6 @@ from hdbench.drivers.labjack.emulator.streaming import (
 )
 from hdbench.drivers.labjack.table import LabJackAcquisition
 
-EMULATOR_NAME = "hdbench-emulator"
 _PRODUCTS = {"T4": 4, "T7": 7}
 _LINES = 23
 _CALIBRATION = 0x3C4000
@@ -226,8 +226,6 @@ class LabJackDevice(MemoryDevice):
         self.reboot()
 
 
-# 502 and 702
-STREAM_OFFSET = 200
 _PORT_TRIES = 50
 _HIGHEST_PORT = 65535
 
