@@ -12,7 +12,7 @@ from numpy import bool_
 from numpy.typing import NDArray
 
 from hdbench.devices.bench import Identity, SafeState
-from hdbench.errors import DeviceError
+from hdbench.errors import DeviceError, UsageError
 from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
@@ -387,6 +387,27 @@ class InputsOnly:
             "this device has no analog output and no watchdog",
             where=type(self).__name__,
             fix='drive the motor with another device: driver = "composite"',
+        )
+
+
+def check_reference(value_v: float, ends: tuple[float, float], where: str, name: str) -> None:
+    """Refuse a motor reference, V, outside of what an output may be written, NaN included."""
+    low, high = ends
+    if not low <= value_v <= high:
+        raise UsageError(
+            f"reference {value_v!r} V; needed: {low:g} to {high:g} V",
+            where=f"{where}, {name}",
+            fix="ask for less, or raise daq.output.limit_v if the drive allows it",
+        )
+
+
+def check_disabled(where: str, *, on: bool) -> None:
+    """Refuse to go on where the enable line reads back as on after it was switched off."""
+    if on:
+        raise DeviceError(
+            "the enable line reads back as on after it was switched off",
+            where=where,
+            fix="use the emergency stop, then check the line's wiring and [daq.output]",
         )
 
 

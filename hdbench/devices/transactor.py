@@ -16,6 +16,17 @@ Build = Callable[[], tuple[bytes, ReplyCheck]]
 TWICE = 2
 
 
+def was_answered(write: Callable[[], object]) -> bool:
+    """Write once; without a valid answer, what became of it shows when it is read back."""
+    try:
+        write()
+    except DeviceError as error:
+        if not isinstance(error.__cause__, FrameError):
+            raise
+        return False
+    return True
+
+
 class Transactor:
     """Base of the access to a device: every call keeps its deadline, from any thread.
 

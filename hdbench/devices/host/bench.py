@@ -11,7 +11,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Block, SafeState
 from hdbench.devices.daq import (
     ROLE_UNITS,
     Capabilities,
@@ -206,6 +206,8 @@ class HostedBench:
     speed: float = 1.0
 
     def __post_init__(self) -> None:
+        daq = self.daq
+        self.capabilities, self.identity, self.claim = daq.capabilities, daq.identity, daq.claim
         self._asked: AcquisitionSettings | None = None
         self._reference: HostReference | None = None
         self._control: ControlThread | None = None
@@ -213,18 +215,6 @@ class HostedBench:
         self._channels: ChannelMap | None = None
         self._samples: SampleClock | None = None
         self._start_s = 0.0
-
-    def capabilities(self) -> Capabilities:
-        """Return what the device can do."""
-        return self.daq.capabilities()
-
-    def identity(self) -> Identity:
-        """Return who answers."""
-        return self.daq.identity()
-
-    def claim(self) -> None:
-        """Become the one host that may write; raises `BusyError` if another one holds it."""
-        self.daq.claim()
 
     def configure(self, settings: AcquisitionSettings) -> None:
         """Check what is asked against what the device can, write it, and read it back."""

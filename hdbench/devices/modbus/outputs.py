@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from hdbench.devices.daq import WatchdogState
+from hdbench.devices.daq import WatchdogState, check_disabled, check_reference
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import fits, place_of
 from hdbench.devices.registers import Register, range_of
-from hdbench.devices.wire.link import FrameError
-from hdbench.errors import DeviceError, UsageError
+from hdbench.devices.transactor import was_answered
 from hdbench.profile.acquiring_modbus import (
     ModbusAcquisition,
     ModbusFeed,
@@ -152,12 +151,7 @@ class Outputs:
     def make_safe(self) -> None:
         """Bring the reference to zero and switch the enable line off."""
         self.zero()
-        if not self.switch_off():
-            raise DeviceError(
-                "the enable line reads back as on after it was switched off",
-                where=self._access.where,
-                fix="use the emergency stop, then check daq.output.enable",
-            )
+        check_disabled(self._access.where, on=not self.switch_off())
 
     def zero(self) -> None:
         """Bring the reference to zero, past a watchdog that rests."""
@@ -174,16 +168,11 @@ class Outputs:
 
     def write(self, value: float) -> float:
         """Write the reference once and return what is read back, V."""
-        low, high = output_range_v(self._output)
-        # written so that NaN fails
-        if not low <= value <= high:
-            raise UsageError(
-                f"reference {value!r} V; needed: {low:g} to {high:g} V",
-                where=f"{self._access.where}, {self._place.name}",
-                fix="ask for less, or raise daq.output.limit_v if the drive allows it",
-            )
+        ends = output_range_v(self._output)
+        check_reference(value, ends, self._access.where, self._place.name)
         raw = (value - self._output.offset) / self._output.scale
-        answered = self._once(self._place, raw, self._output.function)
+        place, function = self._place, self._output.function
+        answered = was_answered(lambda: self._access.write(place, raw, function))
         # half a step is rounding, another half where the device shows what its converter makes of
         # it; a 32-bit float keeps 6e-8 of its value
         steps = 0.5 if self._output.read_back is None else 1.0
@@ -214,7 +203,8 @@ class Outputs:
         spec, place = self._output.enable, self._enable
         if spec is None or place is None:
             return False
-        self._once(place, spec.on if on else spec.off, None)
+        value = spec.on if on else spec.off
+        was_answered(lambda: self._access.write(place, value))
         return self.enabled()
 
     def enabled(self) -> bool:
@@ -223,13 +213,3 @@ class Outputs:
         if spec is None or place is None:
             return False
         return bool(self._access.read([place])[0] != spec.off)
-
-    def _once(self, place: Register, value: float, function: int | None) -> bool:
-        """Write once; without a valid answer, what became of it shows when it is read back."""
-        try:
-            self._access.write(place, value, function)
-        except DeviceError as error:
-            if not isinstance(error.__cause__, FrameError):
-                raise
-            return False
-        return True

@@ -12,7 +12,7 @@ from hdbench.devices.daq import DaqSettings
 from hdbench.devices.node import registers as reg
 from hdbench.devices.node.blocks import BlockExchange, channel_bits
 from hdbench.devices.registers import Register, Value, as_float32, decode_group, encode_group
-from hdbench.devices.transactor import TWICE, Build, Transactor
+from hdbench.devices.transactor import TWICE, Build, Transactor, was_answered
 from hdbench.devices.wire.link import (
     ExceptionReply,
     FrameError,
@@ -320,11 +320,7 @@ class NodeAccess(Transactor):
 
     def write_and_read_back(self, group: tuple[Register, ...], wanted: dict[str, Value]) -> None:
         """Write `wanted` once; what counts is what then stands in the node."""
-        try:
-            self.write_once(group, encode_group(group, wanted))
-        except DeviceError as error:
-            if not isinstance(error.__cause__, FrameError):
-                raise
+        was_answered(lambda: self.write_once(group, encode_group(group, wanted)))
         found = decode_group(group, self.read(group))
         for name, value in wanted.items():
             if found[name] != value:

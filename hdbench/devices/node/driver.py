@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.bench import SafeState
 from hdbench.devices.daq import (
     ROLE_UNITS,
     Capabilities,
@@ -28,8 +28,9 @@ from hdbench.devices.node.access import NodeAccess, node_probe, parameter_values
 from hdbench.devices.node.blocks import BlockReader
 from hdbench.devices.registers import Value, decode_group
 from hdbench.devices.safestate import STANDSTILL_RAD_S, Seen, reach_safe_state
+from hdbench.devices.transactor import was_answered
 from hdbench.devices.wire.address import Address, SerialSettings, parse_address, serial_settings
-from hdbench.devices.wire.link import FrameError, connect, read_registers, write_register
+from hdbench.devices.wire.link import connect, read_registers, write_register
 from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
 from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.acquiring import NodeAcquisition
@@ -113,6 +114,10 @@ class NodeDaq:
     sleep: Callable[[float], None] = time.sleep
 
     def __post_init__(self) -> None:
+        node = self.node
+        self.identity, self.limits, self.status = node.identity, node.limits, node.status
+        # a block exchange feeds the watchdog, too
+        self.feed_watchdog, self.close = node.feed, node.close
         self._reader: BlockReader | None = None
         self._settings: DaqSettings | None = None
         self._next_poll_s = 0.0
@@ -121,14 +126,6 @@ class NodeDaq:
     def repeats(self) -> int:
         """Requests that were sent again so far."""
         return self.node.repeats
-
-    def identity(self) -> Identity:
-        """Return who answers; asked once, before anything is written."""
-        return self.node.identity()
-
-    def limits(self) -> dict[str, Value]:
-        """Return the node's own limits and scales, by register name."""
-        return self.node.limits()
 
     def capabilities(self) -> Capabilities:
         """Return what the node can do over this wire."""
@@ -156,12 +153,8 @@ class NodeDaq:
         if self._settings is None:
             raise self.node.error("no acquisition is configured", "command", "configure it first")
         before = self.status()
-        try:
-            self.node.command(reg.Command.START)
-        except DeviceError as error:
-            if not isinstance(error.__cause__, FrameError):
-                raise
-            # no answer: whether it was carried out stands in the counter of starts
+        # without an answer, whether it was carried out stands in the counter of starts
+        was_answered(lambda: self.node.command(reg.Command.START))
         after = self.status()
         if after["starts"] == before["starts"]:
             raise self.node.error("the node did not start", "command", "configure it again")
@@ -240,10 +233,6 @@ class NodeDaq:
             )
         return found_s
 
-    def feed_watchdog(self) -> None:
-        """Feed it once; `read_block` does so by itself."""
-        self.node.feed()
-
     def watchdog(self) -> WatchdogState:
         """Return the watchdog's state."""
         state = self.status()["state"]
@@ -267,10 +256,6 @@ class NodeDaq:
             "encoder": float(status["encoder_count"]),
         }
 
-    def status(self) -> dict[str, Value]:
-        """Return the status block of this moment, by register name."""
-        return self.node.status()
-
     def safe_state(self) -> SafeState:
         """Make the bench safe from any state, twice if need be; never raises.
 
@@ -289,10 +274,6 @@ class NodeDaq:
         self._reader = None
         self._settings = None
         return safe
-
-    def close(self) -> None:
-        """Give the session back and close the connection; never raises."""
-        self.node.close()
 
     def _watchdog_s(self) -> float:
         values = decode_group(reg.PARAMETERS, self.node.read(reg.PARAMETERS))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from hdbench.devices.daq import check_disabled, check_reference
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.registers import Register, as_float32
 from hdbench.devices.safestate import STANDSTILL_RAD_S
@@ -11,7 +12,7 @@ from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.control import Control, feedback_request
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackOutput
-from hdbench.errors import DeviceError, UsageError
+from hdbench.errors import UsageError
 from hdbench.profile.schema import ProfileData
 
 _TICK_DAC_V = 10.0
@@ -46,14 +47,7 @@ class Outputs:
     def write(self, name: str, value: float) -> float:
         """Write the reference and return what is read back, V; see `LabJackDaq.write_output`."""
         output = self._named(name)
-        low, high = output_range_v(output)
-        # written so that NaN fails
-        if not low <= value <= high:
-            raise UsageError(
-                f"reference {value!r} V; needed: {low:g} to {high:g} V",
-                where=f"{self._control.where}, {output.output}",
-                fix="ask for less, or raise daq.output.limit_v if the drive allows it",
-            )
+        check_reference(value, output_range_v(output), self._control.where, output.output)
         register = _register(output)
         wanted = as_float32(value)
         if _is_tick_dac(output):
@@ -94,12 +88,7 @@ class Outputs:
     def make_safe(self) -> None:
         """Write reference 0, then switch the line off; raise if it does not read back as off."""
         self.zero()
-        if self.enable(on=False):
-            raise DeviceError(
-                "the enable line reads back as on after it was switched off",
-                where=self._control.where,
-                fix="use the emergency stop, then check the wiring of the line",
-            )
+        check_disabled(self._control.where, on=self.enable(on=False))
         self.tripped = False
 
     def look(self) -> None:
