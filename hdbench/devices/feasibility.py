@@ -9,7 +9,7 @@ from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.daq import Capabilities, Role
 from hdbench.devices.driver import driver_of
 from hdbench.errors import DeviceError, UsageError
-from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
+from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
@@ -32,30 +32,28 @@ def rate_limit_hz(table: Acquisition) -> float:
 
 def check_tables(profile: ProfileData) -> None:
     """Refuse a profile that asks its devices for what they do not have."""
-    for table in _devices(profile.daq):
+    for table in profile.daq.part_tables().values():
         driver_of(table.driver).verify(table)
 
 
 def check_drives(profile: ProfileData, what: str) -> None:
     """Refuse a motion where no device of the profile can put out the motor's reference."""
-    driving = _devices(profile.daq)[-1]
+    *_, (name, driving) = profile.daq.part_tables().items()
     if driver_of(driving.driver).drives(driving):
         return
-    key = "daq" if driving is profile.daq else "daq.outputs"
     raise UsageError(
         f"{what} moves the motor; {driving.driver} at {driving.address} has no output in this "
         "profile",
-        where=f"key {key}.output",
+        where=f"key daq.{name}.output" if name else "key daq.output",
         fix='describe the output of the device, or add one that has: driver = "composite"',
     )
 
 
 def check_pace(profile: ProfileData, sample_period_s: float, what: str) -> None:
     """Refuse a sampling period that the device of the profile cannot keep."""
-    table = _devices(profile.daq)[0]
+    table, *_ = profile.daq.part_tables().values()
     rate_hz, limit_hz = 1.0 / sample_period_s, rate_limit_hz(table)
-    # periods are decimal numbers: a rate equal to the limit differs by rounding
-    if rate_hz <= limit_hz * (1.0 + 1e-9) or math.isnan(limit_hz):
+    if rate_hz <= limit_hz * _ROUNDING or math.isnan(limit_hz):
         return
     raise UsageError(
         f"{what} asks for {rate_hz:.6g} samples/s; {len(roles_of(table))} channels of "
@@ -64,13 +62,6 @@ def check_pace(profile: ProfileData, sample_period_s: float, what: str) -> None:
         fix=f"sample every {1.0 / limit_hz:.3g} s or more slowly, name fewer daq.channels, or "
         "use a faster line",
     )
-
-
-def _devices(table: Acquisition) -> tuple[Acquisition, ...]:
-    """Return the devices of a table: the one that samples first, the one that drives last."""
-    if isinstance(table, CompositeAcquisition):
-        return (table.inputs, table.outputs)
-    return (table,)
 
 
 def check_demands(asked: AcquisitionSettings, settings: HostSettings, able: Capabilities) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hdbench.devices.bench import Bench, SafeState
 from hdbench.devices.lock import exclusive, is_line, release
 from hdbench.errors import HdbenchError, UsageError
-from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
+from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.loader import Profile
 from hdbench.profile.schema import ProfileData
 
@@ -98,7 +98,7 @@ def open_bench(
             watchdog_s = max(watchdog_s, _EMBEDDED_WATCHDOG_S)
         else:
             data = _numbered(_at(data, {"address": where}))
-            for name in addresses_of(data.daq, data.daq.address):
+            for name in addresses_of(data.daq):
                 stack.enter_context(exclusive(name))
             if control is not None:
                 simulation = Simulation(control, embedded=False)
@@ -150,18 +150,18 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
             fix="stop that command, or name the address of a device",
         )
     there = _numbered(_at(data, {"address": where}))
-    for name in addresses_of(there.daq, there.daq.address):
+    for name in addresses_of(there.daq):
         # a serial line has one master: the run that has it is asked to stop first
         if is_line(name):
             release(name)
     try:
         return made_safe(there)
     except HdbenchError as error:
-        table = there.daq
-        if not isinstance(table, CompositeAcquisition):
+        *_, driving = there.daq.part_tables().values()
+        if driving is there.daq:
             raise
         # whatever is the matter with the inputs, the part that drives the motor is stopped
-        safe = made_safe(there.model_copy(update={"daq": table.outputs}))
+        safe = made_safe(there.model_copy(update={"daq": driving}))
         return replace(safe, confirmed=False, detail=f"{safe.detail}; but {error.what}")
 
 
@@ -179,24 +179,21 @@ def made_safe(data: ProfileData) -> SafeState:
         bench.close()
 
 
-def addresses_of(table: Acquisition, address: str) -> tuple[str, ...]:
-    """Return every address that a device at `address` takes, in their shortest form."""
-    parts: tuple[str, ...] = (address,)
-    if isinstance(table, CompositeAcquisition):
-        parts = (table.inputs.address, table.outputs.address)
-    return tuple(part.partition("?")[0] for part in parts)
+def addresses_of(table: Acquisition) -> tuple[str, ...]:
+    """Return every address that the devices of a table take, in their shortest form."""
+    return tuple(part.address.partition("?")[0] for part in table.part_tables().values())
 
 
 def _at(data: ProfileData, found: Mapping[str, object], **changes: object) -> ProfileData:
     """Return the profile with keys of ``[daq]`` as they are found, parts of a composite too."""
     table = data.daq
     update: dict[str, object] = {**changes, **found}
-    for part in ("inputs", "outputs"):
-        below = update.get(part)
+    for name, part in table.part_tables().items():
+        below = update.get(name)
         if isinstance(below, Mapping):
-            update[part] = getattr(table, part).model_copy(update={**changes, **below})
-    if isinstance(table, CompositeAcquisition):
-        update["address"] = "parts"
+            update[name] = part.model_copy(update={**changes, **below})
+        if name:
+            update["address"] = "parts"
     update = {key: value for key, value in update.items() if key in type(table).model_fields}
     return data.model_copy(update={"daq": table.model_copy(update=update)})
 
@@ -213,11 +210,9 @@ def _numbered(data: ProfileData) -> ProfileData:
             update["tls"] = tls.model_copy(update={"server_name": name})
         return table.model_copy(update=update)
 
-    table = data.daq
-    if isinstance(table, CompositeAcquisition):
-        parts = {"inputs": part(table.inputs), "outputs": part(table.outputs)}
-        return data.model_copy(update={"daq": table.model_copy(update=parts)})
-    return data.model_copy(update={"daq": part(table)})
+    parts = {name: part(table) for name, table in data.daq.part_tables().items()}
+    daq = parts.get("") or data.daq.model_copy(update=parts)
+    return data.model_copy(update={"daq": daq})
 
 
 def _data(profile: Profile | ProfileData) -> ProfileData:

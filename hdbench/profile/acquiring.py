@@ -176,10 +176,14 @@ class CompositeAcquisition(Acquisition):
         }
         return {**raw, **parts}
 
+    def part_tables(self) -> dict[str, Acquisition]:
+        """Return the device that samples, then the one that drives."""
+        return {"inputs": self.inputs, "outputs": self.outputs}
+
     def conflicts(self) -> Iterator[Conflict]:
         """Yield the keys of this table that do not go together."""
         yield from super().conflicts()
-        for name, part in (("inputs", self.inputs), ("outputs", self.outputs)):
+        for name, part in self.part_tables().items():
             if self.address != "embedded" and part.address == "embedded":
                 yield Conflict(
                     (name, "address"),

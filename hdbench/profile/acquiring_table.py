@@ -120,6 +120,10 @@ class Acquisition(Table):
         refuse(self.conflicts())
         return self
 
+    def part_tables(self) -> dict[str, Acquisition]:
+        """Return the devices by their keys here: the one that samples first, that drives last."""
+        return {"": self}
+
     def conflicts(self) -> Iterator[Conflict]:
         """Yield the keys of this table that do not go together."""
         channels = getattr(self, "channels", ())

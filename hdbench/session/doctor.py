@@ -115,7 +115,8 @@ def _disk(folder: Path) -> Finding:
 def check_ports(profile: Profile, address: str | None) -> list[Finding]:
     """Look at the serial ports that the profile names: there, allowed, quick enough."""
     findings: list[Finding] = []
-    for name in addresses_of(profile.data.daq, address or profile.data.daq.address):
+    table = profile.data.daq
+    for name in addresses_of(table.model_copy(update={"address": address or table.address})):
         if is_line(name):
             findings += _port(name.partition("://")[2])
     return findings

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
 from collections.abc import Mapping
@@ -15,7 +14,9 @@ def main() -> int:
     """Serve the bench described on stdin until stdin ends."""
     # Ctrl-C may reach the whole process group; this process outlives it to stop the motor
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    order: dict[str, Any] = json.loads(_first_line(0))
+    # nothing beyond the first line is read here: the end of what follows is the session's
+    with open(0, "rb", buffering=0, closefd=False) as lines:
+        order: dict[str, Any] = json.loads(lines.readline())
 
     from hdbench.devices.emulator.serving import EmulatorSettings, emulate
     from hdbench.errors import HdbenchError
@@ -40,17 +41,6 @@ def _say(message: Mapping[str, object]) -> None:
 
 def _path(text: str | None) -> Path | None:
     return Path(text) if text else None
-
-
-def _first_line(descriptor: int) -> bytes:
-    """Return what stands before the first newline, and read nothing beyond it."""
-    line = b""
-    while not line.endswith(b"\n"):
-        chunk = os.read(descriptor, 1)
-        if not chunk:
-            break
-        line += chunk
-    return line
 
 
 if __name__ == "__main__":

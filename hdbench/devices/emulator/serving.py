@@ -17,14 +17,14 @@ from typing import IO, Annotated, Literal, Protocol
 
 from pydantic import Field, ValidationError
 
-from hdbench.devices.driver import Driver, driver_of
+from hdbench.devices.driver import driver_of
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.machine import Pace
 from hdbench.devices.emulator.server import Device, ModbusServer, Wire
 from hdbench.errors import DeviceError, StorageError, UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
-from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
+from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.schema import ProfileData
 from hdbench.profile.tables import Table
 
@@ -339,7 +339,7 @@ def emulate(
             record=open_record(settings.record, stack),
         )
         devices = {
-            name: _emulated(table, emulation) for name, table in _tables(profile.daq).items()
+            name: _emulated(table, emulation) for name, table in profile.daq.part_tables().items()
         }
         asyncio.run(_serve(emulation, devices, settings, ready))
 
@@ -348,17 +348,13 @@ def emulated_speed(table: Acquisition, pace: Pace) -> float:
     """Return how many device seconds pass in a second where a host writes the reference."""
     if pace != "fast":
         return 1.0
-    if isinstance(table, CompositeAcquisition):
-        return min(_driver(table.inputs).emulated_speed, _FAST_COMPOSITE)
-    return _driver(table).emulated_speed
-
-
-def _driver(table: Acquisition) -> Driver:
-    return driver_of(table.driver)
+    first, *others = table.part_tables().values()
+    speed = driver_of(first.driver).emulated_speed
+    return min(speed, _FAST_COMPOSITE) if others else speed
 
 
 def _emulated(table: Acquisition, emulation: Emulation) -> EmulatedDevice:
-    make = _driver(table).emulate
+    make = driver_of(table.driver).emulate
     if make is None:
         raise UsageError(
             f"driver {table.driver!r} has no emulator",
@@ -366,13 +362,6 @@ def _emulated(table: Acquisition, emulation: Emulation) -> EmulatedDevice:
             fix="name the address of a real device, or choose another driver",
         )
     return make(emulation, table)
-
-
-def _tables(table: Acquisition) -> dict[str, Acquisition]:
-    """Return the devices of a table by their keys in it; a single one has none."""
-    if isinstance(table, CompositeAcquisition):
-        return {"inputs": table.inputs, "outputs": table.outputs}
-    return {"": table}
 
 
 async def _serve(

@@ -10,7 +10,6 @@ from typing import Any
 from hdbench.devices.driver import driver_of
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.link import Request
-from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.acquiring_table import TlsFiles
 from hdbench.profile.schema import ProfileData
 from hdbench.system.children import child_command
@@ -151,8 +150,7 @@ def order_of(profile: ProfileData) -> GuardOrder:
         The bytes themselves where the driver gives them; else a command that stops the bench
         through its driver, which takes as long as the libraries need to load.
     """
-    table = profile.daq
-    driving = table.outputs if isinstance(table, CompositeAcquisition) else table
+    *_, driving = profile.daq.part_tables().values()
     target = driver_of(driving.driver).stop_target(profile, driving)
     if target is None:
         command = child_command("hdbench.devices.guard")

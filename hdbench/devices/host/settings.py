@@ -10,7 +10,7 @@ import numpy as np
 from hdbench.devices.bench import Block
 from hdbench.devices.daq import Role
 from hdbench.devices.feasibility import roles_of
-from hdbench.profile.acquiring import CompositeAcquisition, OutputChannel
+from hdbench.profile.acquiring import OutputChannel
 from hdbench.profile.schema import ProfileData
 
 # a converter's scale error; a limit is not crossed within it
@@ -58,7 +58,7 @@ def host_settings(profile: ProfileData, *, watchdog_s: float | None = None) -> H
     HostSettings
     """
     table = profile.daq
-    driving = table.outputs if isinstance(table, CompositeAcquisition) else table
+    *_, driving = table.part_tables().values()
     found = getattr(driving, "output", None)
     limit_v = profile.limits.reference_v
     return HostSettings(
@@ -66,7 +66,7 @@ def host_settings(profile: ProfileData, *, watchdog_s: float | None = None) -> H
         roles_of(table),
         table.watchdog_s if watchdog_s is None else watchdog_s,
         found if isinstance(found, OutputChannel) else OutputChannel(limit_v=limit_v),
-        table.max_skew_s if isinstance(table, CompositeAcquisition) else math.inf,
+        getattr(table, "max_skew_s", math.inf),
     )
 
 

@@ -210,12 +210,10 @@ def main() -> NoReturn:
     except (OSError, ValueError):
         # the session is gone already, and nothing has moved
         sys.exit(0)
-    line = b""
-    while not line.endswith(b"\n"):
-        chunk = link.recv(1)
-        if not chunk:
-            sys.exit(0)
-        line += chunk
+    with link.makefile("rb", buffering=0) as words:
+        line = words.readline()
+    if not line.endswith(b"\n"):
+        sys.exit(0)
     guard = Watcher(link, json.loads(line))
     guard.prepare()
     sys.exit(guard.watch())
