@@ -161,10 +161,6 @@ class Capabilities:
         """Return the channel of `role`, None where there is none."""
         return next((info for info in self.inputs if info.role == role), None)
 
-    def output(self, name: str) -> OutputInfo | None:
-        """Return the output called `name`, None where there is none."""
-        return next((info for info in self.outputs if info.name == name), None)
-
     def max_rate_hz(self, n_channels: int) -> float:
         """Return the highest sustained scan rate with `n_channels`, Hz; 0 where it has fewer."""
         if not 1 <= n_channels <= len(self.max_rates_hz):

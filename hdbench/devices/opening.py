@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdbench.devices.bench import Bench, SafeState
+from hdbench.devices.bench import SafeState
 from hdbench.devices.lock import exclusive, is_line, release
 from hdbench.errors import HdbenchError, UsageError
 from hdbench.profile.acquiring import Acquisition
@@ -17,6 +17,7 @@ from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
+    from hdbench.devices.guard import GuardedBench
 
 EMBEDDED = "embedded"
 # the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
@@ -36,7 +37,7 @@ def open_bench(
     record: Path | None = None,
     guard_log: Path | None = None,
     control: str | None = None,
-) -> Iterator[Bench]:
+) -> Iterator[GuardedBench]:
     """Open the bench of `profile` for one session.
 
     Parameters
@@ -60,7 +61,7 @@ def open_bench(
 
     Yields
     ------
-    Bench
+    GuardedBench
         The bench; made safe is the caller's business, closed it is at the end.
 
     Raises

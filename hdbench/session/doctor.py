@@ -150,8 +150,7 @@ def check_bench(profile: Profile, address: str | None) -> list[Finding]:
             who = f"{identity.vendor} {identity.model} {identity.serial} {identity.firmware}"
             simulated = " (simulated)" if identity.simulated else ""
             findings.append(Finding("device", True, f"{who} at {where}{simulated}"))
-            if isinstance(bench, GuardedBench):
-                findings += _watched(bench)
+            findings += _watched(bench)
             safe = bench.safe_state()
             fix = "press the emergency stop and look"
             findings.append(Finding("safe state", safe.confirmed, safe.detail, fix))

@@ -13,7 +13,7 @@ from hdbench.devices.bench import AcquisitionSettings, SafeState
 from hdbench.devices.daq import Daq
 from hdbench.devices.guard import GuardedBench
 from hdbench.devices.safestate import STANDSTILL_RAD_S
-from hdbench.errors import DeviceError, HdbenchError, UnsafeError, UsageError
+from hdbench.errors import HdbenchError, UnsafeError, UsageError
 from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.session.limits import LimitWatch
@@ -64,8 +64,6 @@ def prove_watchdog(
     """
     data = profile.data
     with open_bench(profile, address=address, realtime=True) as bench:
-        if not isinstance(bench, GuardedBench):
-            raise DeviceError("no hosted bench", where="doctor", fix="report this as a bug")
         able = bench.capabilities()
         if not (able.drives and able.guarded and able.watchdog is not None):
             raise UsageError(

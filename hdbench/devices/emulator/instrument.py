@@ -52,6 +52,8 @@ from hdbench.records.trace import FloatArray
 
 Input = Literal["torque", "tacho", "current", "reference"]
 """An analog input."""
+Terminal = tuple[Input, float]
+"""What is wired to an input of a device, and how many volts of it stand there per volt."""
 Record = Callable[[Mapping[str, object]], None]
 # grain of the simulation while no scan clock runs, s
 IDLE_PERIOD_S = 1e-3

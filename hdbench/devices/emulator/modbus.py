@@ -319,8 +319,5 @@ class ModbusDevice(MemoryDevice):
 
 def emulate_modbus(emulation: Emulation, table: ModbusAcquisition) -> ModbusWire:
     """Return a device with the registers of `table` and a simulated bench behind them."""
-    # the instrument's current channel has max_current_a at range_v
-    profile = emulation.profile
-    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
-    device = ModbusDevice(emulation.instrument, table, amperes_per_v=amperes_per_v)
+    device = ModbusDevice(emulation.instrument, table, amperes_per_v=emulation.amperes_per_v)
     return ModbusWire(device, on_line=table.serial is not None)

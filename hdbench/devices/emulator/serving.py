@@ -8,17 +8,17 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Annotated, Literal, Protocol
+from typing import IO, Annotated, Any, Literal, Protocol
 
 from pydantic import Field, ValidationError
 
 from hdbench.devices.driver import driver_of
-from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument, Terminal
 from hdbench.devices.emulator.machine import Pace
 from hdbench.devices.emulator.server import Device, ModbusServer, Wire
 from hdbench.errors import DeviceError, StorageError, UsageError
@@ -312,6 +312,20 @@ class Emulation:
             clock=DeviceClock(self.speed, time.monotonic()),
             record=self.record,
         )
+
+    @property
+    def amperes_per_v(self) -> float:
+        """Motor current per volt of the instrument's current channel, A/V."""
+        return self.profile.servo.max_current_a / self.profile.daq.range_v
+
+    def terminals(self, channels: Iterable[Any]) -> dict[int, Terminal]:
+        """Return what is wired to the analog inputs of a table, by their numbers."""
+        factors = {"current": self.amperes_per_v}
+        return {
+            channel.number: (channel.role, factors.get(channel.role, 1.0) / channel.scale)
+            for channel in channels
+            if channel.role != "encoder"
+        }
 
     @property
     def hosted(self) -> bool:

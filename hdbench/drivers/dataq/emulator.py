@@ -9,20 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.emulator.instrument import (
-    ElectricalSamples,
-    Input,
-    SimulatedInstrument,
-)
+from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInstrument, Terminal
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.dataq.driver import EMULATOR_NAME
 from hdbench.drivers.dataq.scans import BUFFER_SAMPLES, MODELS, Model
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.plant.converter import to_code
 from hdbench.system.lines import PseudoTerminal
-
-Terminal = tuple[Input, float]
-"""What is wired to an analog input, and how many volts of it stand there per volt."""
 
 # D6 to D0 open are pulled up; D1 and D0 come inverted in the lower byte
 OPEN_LINES = 0x7F
@@ -256,13 +249,6 @@ class EmulatedDataq:
 
 def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedDataq:
     """Return an instrument with a simulated bench at the terminals that `table` names."""
-    # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
-    profile = emulation.profile
-    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
-    wiring: dict[int, Terminal] = {}
-    for channel in table.channels:
-        if channel.role != "encoder":
-            factor = amperes_per_v if channel.role == "current" else 1.0
-            wiring[channel.number] = (channel.role, factor / channel.scale)
+    wiring = emulation.terminals(table.channels)
     serial = f"{emulation.seed % 16**8:08X}"
     return EmulatedDataq(DataqDevice(emulation.instrument, MODELS[table.model], wiring, serial))

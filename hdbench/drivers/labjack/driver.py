@@ -110,7 +110,10 @@ class LabJackDaq:
 
     def __post_init__(self) -> None:
         self._session = Session(self.control)
-        self._outputs = Outputs(self.control, self.table)
+        self._outputs = outputs = Outputs(self.control, self.table)
+        self.write_output, self.enable = outputs.write, outputs.enable
+        # a trip is forgotten; the watchdog stays on, as it is kept in flash
+        self.clear_watchdog = outputs.make_safe
         self._watchdog = (
             Watchdog(self.control, self.table.output) if self.table.output is not None else None
         )
@@ -197,18 +200,6 @@ class LabJackDaq:
         if self._acquisition is not None:
             self._acquisition.stopped = True
 
-    def write_output(self, name: str, value: float) -> float:
-        """Write the motor reference and return what is read back, V.
-
-        A DAC reads back. A LJTick-DAC cannot be read: what it acknowledged is returned, and what
-        stands at its terminal shows in the looped-back reference channel.
-        """
-        return self._outputs.write(name, value)
-
-    def enable(self, *, on: bool) -> bool:
-        """Switch the drive's enable line and return the level at its terminal, as on or off."""
-        return self._outputs.enable(on=on)
-
     def arm_watchdog(self, time_s: float) -> float:
         """Bring the watchdog in flash to the wanted settings, feed it, and return its time, s."""
         return self._guard().arm(time_s)
@@ -224,10 +215,6 @@ class LabJackDaq:
         self._outputs.look()
         time_s = float(values["WATCHDOG_TIMEOUT_S_DEFAULT"])
         return WatchdogState(armed, self._outputs.tripped, time_s)
-
-    def clear_watchdog(self) -> None:
-        """Forget a trip; outputs stay safe, and the watchdog stays on, as it is kept in flash."""
-        self._outputs.make_safe()
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return one reading of every channel; empty while a stream has the inputs."""

@@ -45,7 +45,11 @@ class Outputs:
         self._model = table.model
 
     def write(self, name: str, value: float) -> float:
-        """Write the reference and return what is read back, V; see `LabJackDaq.write_output`."""
+        """Write the motor reference and return what is read back, V.
+
+        A DAC reads back. A LJTick-DAC cannot be read: what it acknowledged is returned, and what
+        stands at its terminal shows in the looped-back reference channel.
+        """
         output = self._named(name)
         check_reference(value, output_range_v(output), self._control.where, output.output)
         register = _register(output)

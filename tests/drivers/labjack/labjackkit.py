@@ -64,7 +64,9 @@ def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[
         clock=DeviceClock(speed, time.monotonic()),
         record=lambda event: events.append(dict(event)),
     )
-    wiring = Wiring(instrument, table or PROFILE.daq, current_v_per_v=1.0, seed=seed)
+    made = table or PROFILE.daq
+    terminals = {c.number: (c.role, 1.0) for c in made.channels if c.role != "encoder"}
+    wiring = Wiring(instrument, made, terminals, seed)
     clock = HandClock()
     server = EmulatedLabJack(LabJackDevice(wiring, seed, clock=clock))
     with in_thread(lambda: server.open(EmulatorSettings()), server.close) as (loop, found):

@@ -298,12 +298,8 @@ class EmulatedLabJack:
 
 def emulate_labjack(emulation: Emulation, table: LabJackAcquisition) -> EmulatedLabJack:
     """Return a device with a simulated bench at the terminals that `table` names."""
-    # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
-    profile = emulation.profile
-    current = next((c for c in table.channels if c.role == "current"), None)
-    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
-    factor = 1.0 if current is None else amperes_per_v / current.scale
-    wiring = Wiring(emulation.instrument, table, current_v_per_v=factor, seed=emulation.seed)
+    terminals = emulation.terminals(table.channels)
+    wiring = Wiring(emulation.instrument, table, terminals, emulation.seed)
     return EmulatedLabJack(LabJackDevice(wiring, serial_number(emulation.seed)))
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.emulator.instrument import ElectricalSamples, Input, SimulatedInstrument
+from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInstrument, Terminal
 from hdbench.devices.emulator.memory import DEVICE_FAILURE, Memory
 from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.drivers.labjack.table import LabJackAcquisition
@@ -168,19 +168,13 @@ class Wiring:
         self,
         instrument: SimulatedInstrument,
         table: LabJackAcquisition,
-        *,
-        current_v_per_v: float,
+        terminals: Mapping[int, Terminal],
         seed: int,
     ) -> None:
         self.instrument = instrument
         self.model = table.model
         self.calibration = Calibration.draw(table.model, seed)
-        self._analog: dict[int, tuple[Input, float]] = {}
-        for channel in table.channels:
-            if channel.role != "encoder":
-                factor = current_v_per_v if channel.role == "current" else 1.0
-                number = channel.number
-                self._analog[number] = (channel.role, factor)
+        self._terminals = terminals
         output = table.output
         self.reference = output.output if output is not None else ""
         self.enable_line = output.enable_line if output is not None else -1
@@ -205,7 +199,7 @@ class Wiring:
 
     def words(self, samples: ElectricalSamples, number: int, range_v: float) -> NDArray[np.uint16]:
         """Return what AIN`number` reads; an open terminal reads 0 V."""
-        name, factor = self._analog.get(number, (None, 1.0))
+        name, factor = self._terminals.get(number, (None, 1.0))
         volts = np.zeros(len(samples)) if name is None else samples.volts[name] * factor
         return self.calibration.words(volts, number, range_v)
 
