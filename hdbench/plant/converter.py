@@ -80,7 +80,6 @@ class Decimator:
        Proc. IEEE Int. Symp. Circuits and Systems, 1974, pp. 20-23.
     """
 
-    n_steps: int
     taps: FloatArray
 
     @classmethod
@@ -90,7 +89,7 @@ class Decimator:
         offset = np.arange(-half, half)
         response = np.zeros(2 * half)
         response[1:] = np.sinc(offset[1:] / n_steps) * np.kaiser(2 * half - 1, KAISER_BETA)
-        return cls(n_steps, (response / response.sum()).reshape(-1, n_steps))
+        return cls((response / response.sum()).reshape(-1, n_steps))
 
     def apply(self, channels: FloatArray) -> FloatArray:
         """Return filtered samples."""

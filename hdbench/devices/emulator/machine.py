@@ -109,10 +109,7 @@ class ScanFifo:
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
         self._runs: deque[tuple[int, bytearray]] = deque()
-        self.depth = 0
-        self.taken = 0
-        self.lost = 0
-        self.next_out = 0
+        self.clear()
 
     def clear(self) -> None:
         """Forget everything and count from zero."""
@@ -321,13 +318,11 @@ class BlockWindow:
 
     def __init__(self, machine: NodeMachine) -> None:
         self._machine = machine
-        self._block: bytes | None = None
-        self._seq = 0
-        self.scans = 0
+        self.clear()
 
     def clear(self) -> None:
         """Forget the block and number the next one 1."""
-        self._block = None
+        self._block: bytes | None = None
         self._seq = 0
         self.scans = 0
 

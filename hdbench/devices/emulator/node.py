@@ -139,14 +139,13 @@ class ProgramStore:
 
     def __init__(self, limits: Mapping[str, Value]) -> None:
         self._limits = limits
-        self._parts: list[ProgramPart] = []
-        self._needed = 0
-        self.last: dict[str, Value] = {entry.name: 0 for entry in reg.PROGRAM}
+        self.forget()
 
     def forget(self) -> None:
         """Forget the program."""
-        self._parts, self._needed = [], 0
-        self.last = {entry.name: 0 for entry in reg.PROGRAM}
+        self._parts: list[ProgramPart] = []
+        self._needed = 0
+        self.last: dict[str, Value] = {entry.name: 0 for entry in reg.PROGRAM}
 
     def take(self, values: Mapping[str, Value], address: int) -> None:
         """Keep one part: part 0 begins a program, any other follows the one before it."""
@@ -187,6 +186,7 @@ class ProgramStore:
 
 
 FREE, MINE, HELD = 0, 1, 2
+_STOPPING = (reg.Command.STOP, reg.Command.SAFE)
 # a session whose connection is gone stays for a host that reconnects
 _KEPT_S = 2.0
 # acknowledgement and heartbeat
@@ -309,7 +309,8 @@ class NodeCore(Device):
         if group is reg.NONCE:
             self._nonces[connection] = int(values["nonce"])
             return
-        if not self._always_allowed(values):
+        # anybody may stop the motor at any time
+        if values.get("command") not in _STOPPING:
             self._refuse_others(connection)
         if group is reg.FEED:
             self._accept_feed(values)
@@ -382,10 +383,6 @@ class NodeCore(Device):
             "status_echo": self._nonces.get(connection, 0),
         }
 
-    def _always_allowed(self, values: Mapping[str, Value]) -> bool:
-        """Anybody may stop the motor at any time."""
-        return values.get("command") in (reg.Command.STOP, reg.Command.SAFE)
-
     def _accept_feed(self, values: Mapping[str, Value]) -> None:
         if "heartbeat" in values and values["heartbeat"] != self._feed["heartbeat"]:
             self._feed["heartbeat"] = int(values["heartbeat"])
@@ -412,7 +409,7 @@ class NodeCore(Device):
             self._feed["ack"] = 0
             self._window.clear()
             self.machine.start(self._parameters, program)
-        elif command in (reg.Command.STOP, reg.Command.SAFE):
+        elif command in _STOPPING:
             self.machine.end(reg.State.STOPPED)
             if command == reg.Command.SAFE:
                 # a start needs a new parameter block after this

@@ -86,7 +86,7 @@ class Channel:
         self._connected += 1
         try:
             while line := await reader.readline():
-                refused = _carry_out(line, self._bench, self._busy)
+                refused = self._carry_out(line)
                 answer = {"refused": refused} if refused else {"ok": True}
                 writer.write(json.dumps(answer).encode() + b"\n")
                 await writer.drain()
@@ -97,23 +97,22 @@ class Channel:
             self._connected -= 1
             writer.close()
 
-
-def _carry_out(line: bytes, bench: Callable[[], SimulatedBench], busy: Callable[[], bool]) -> str:
-    """Carry out one order; return why not, empty when it was done."""
-    try:
-        order = _Order.model_validate_json(line)
-        if order.model_fields_set and busy():
-            return "an acquisition is running"
-        if order.fixture is not None:
-            bench().set_fixture(**order.fixture.model_dump())
-        if order.handling is not None:
-            bench().set_handling(**order.handling.model_dump())
-    except ValidationError as error:
-        key = ".".join(map(str, error.errors()[0]["loc"]))
-        return f"{key}: out of its domain" if key else "no order of a simulated operator"
-    except UsageError as error:
-        return error.what
-    return ""
+    def _carry_out(self, line: bytes) -> str:
+        """Carry out one order; return why not, empty when it was done."""
+        try:
+            order = _Order.model_validate_json(line)
+            if order.model_fields_set and self._busy():
+                return "an acquisition is running"
+            if order.fixture is not None:
+                self._bench().set_fixture(**order.fixture.model_dump())
+            if order.handling is not None:
+                self._bench().set_handling(**order.handling.model_dump())
+        except ValidationError as error:
+            key = ".".join(map(str, error.errors()[0]["loc"]))
+            return f"{key}: out of its domain" if key else "no order of a simulated operator"
+        except UsageError as error:
+            return error.what
+        return ""
 
 
 # that a host-written reference and two wires keep up with
@@ -163,13 +162,6 @@ def _until_end(descriptor: int, end: Callable[[], None]) -> None:
         while os.read(descriptor, 1):
             pass
     end()
-
-
-async def until_motor_stands(moving: Callable[[], bool], longest_s: float) -> None:
-    """Give the watchdog its time: an orphaned device still has to stop its motor."""
-    until_s = time.monotonic() + longest_s
-    while moving() and time.monotonic() < until_s:
-        await asyncio.sleep(_POLL_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -406,7 +398,10 @@ async def _serve(
     await ended.wait()
     if settings.lifeline is not None:
         await channel.left()
-        await until_motor_stands(emulation.moving, _ORPHAN_S)
+        # an orphaned device still has to stop its motor: its watchdog gets its time
+        until_s = time.monotonic() + _ORPHAN_S
+        while emulation.moving() and time.monotonic() < until_s:
+            await asyncio.sleep(_POLL_S)
     channel.close()
     for device in devices.values():
         device.close()

@@ -114,15 +114,13 @@ def reads_of(table: ModbusAcquisition, count: int | None = None) -> tuple[Block,
     return blocks_of(table, places)
 
 
-def set_up(access: Access, table: ModbusAcquisition) -> int:
+def set_up(access: Access, table: ModbusAcquisition) -> None:
     """Bring the device to the settings of ``[[daq.init]]``."""
-    written = 0
     for write in table.init:
         place = place_of(table, write)
         if write.read_back and _same(write, access.read([place])[0]):
             continue
         access.write(place, write.value, write.function)
-        written += 1
         if not write.read_back:
             continue
         found = access.read([place])[0]
@@ -130,7 +128,6 @@ def set_up(access: Access, table: ModbusAcquisition) -> int:
             what = f"reads back as {found:.9g}; written: {write.value:.9g}"
             fix = "compare daq.init with the device's manual; a command register has "
             raise access.error(what, place.name, fix + "read_back = false")
-    return written
 
 
 def _same(write: ModbusWrite, found: float | int) -> bool:

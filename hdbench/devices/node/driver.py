@@ -359,12 +359,11 @@ def probe(path: str) -> str:
 
 def stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
     """Return how a node stops the motor."""
-    first = reg.STATUS[0].address
+    first, count = span(reg.STATUS)
 
     def at(name: str) -> int:
         return 2 + 2 * (reg.register(name).address - first)
 
-    count = sum(entry.size for entry in reg.STATUS)
     active = reg.Flag.RUNNING | reg.Flag.DRIVE_ENABLED
     checks = (
         Check("motor reference, V", at("reference_v"), ">f", 0.0, 0.0),

@@ -147,7 +147,6 @@ class Commands:
     ) -> None:
         self.where = f"DATAQ {port.where}"
         self.port = port
-        self.dropped = 0
         self._deadline_s = deadline_s
         self._clock = clock
 
@@ -213,7 +212,6 @@ class Commands:
                 if text.startswith(command + b" "):
                     value = text.removeprefix(command + b" ").decode("ascii", errors="replace")
                     return "".join(c for c in value if c.isprintable()).strip()
-                self.dropped += 1
         return None
 
     def _error(self, what: str, fix: str) -> DeviceError:

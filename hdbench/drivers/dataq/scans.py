@@ -303,11 +303,6 @@ class ScanAssembler:
         """Whether the stream ends as that of a device whose buffer ran over."""
         return self._rest.rstrip(b"\r\n\0").endswith(OVERFLOW)
 
-    @property
-    def rest(self) -> bytes:
-        """Bytes that are no whole scan yet."""
-        return self._rest
-
     def take(self, data: bytes) -> NDArray[np.int16]:
         """Return the whole scans that `data` completes."""
         self._rest += data

@@ -119,7 +119,6 @@ class LabJackDaq:
         )
         self._identity: Identity | None = None
         self._scales: dict[Role, InputScale] = {}
-        self._settings: DaqSettings | None = None
         self._acquisition: Acquisition | None = None
 
     @property
@@ -167,7 +166,6 @@ class LabJackDaq:
             settings.sample_period_s,
             stop_when_full=None if self.table.model == "T4" else not self.table.auto_recover,
         )
-        self._settings = settings
         self._acquisition = Acquisition(plan, setup, settings.n_samples)
         return setup.period_s
 

@@ -39,7 +39,6 @@ class InputScale:
     center: float
     positive_v: float
     negative_v: float
-    source: str
 
     def volts(self, words: NDArray[np.uint16]) -> FloatArray:
         """Return the volts of streamed words."""
@@ -57,9 +56,9 @@ def nominal_scale(model: str, number: int, range_v: float) -> InputScale:
     """
     if model == "T4":
         slope, offset = (3.235316e-4, -10.532965) if number < _T4_HIGH else (3.826692e-5, 0.002484)
-        return InputScale(-offset / slope, slope, -slope, "nominal")
+        return InputScale(-offset / slope, slope, -slope)
     factor = range_v / 10.0
-    return InputScale(33523.0, 3.1580578e-4 * factor, -3.15805800e-4 * factor, "nominal")
+    return InputScale(33523.0, 3.1580578e-4 * factor, -3.15805800e-4 * factor)
 
 
 def scale_from_flash(
@@ -77,13 +76,13 @@ def scale_from_flash(
         slope, offset = words[at : at + 2]
         if not _near(slope, nominal.positive_v):
             return None
-        return InputScale(-offset / slope, slope, -slope, "device")
+        return InputScale(-offset / slope, slope, -slope)
     at = 4 * T7_RANGES_V.index(range_v)
     positive, negative, center = words[at : at + 3]
     sane = _near(positive, nominal.positive_v) and _near(negative, nominal.negative_v)
     if not (sane and _near(center, nominal.center)):
         return None
-    return InputScale(center, positive, negative, "device")
+    return InputScale(center, positive, negative)
 
 
 def _near(value: float, nominal: float) -> bool:

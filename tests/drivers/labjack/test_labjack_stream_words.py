@@ -223,7 +223,7 @@ def test_flash_constants_are_taken_by_gain_and_refused_when_absurd():
         slope = 3.16e-5 * range_v
         words[4 * gain : 4 * gain + 4] = [slope, -slope, 33500.0 + gain, 0.0]
     scale = scale_from_flash("T7", words, 2, 0.1)
-    assert scale == InputScale(33502.0, pytest.approx(3.16e-6), pytest.approx(-3.16e-6), "device")
+    assert scale == InputScale(33502.0, pytest.approx(3.16e-6), pytest.approx(-3.16e-6))
     words[8] = float("nan")
     assert scale_from_flash("T7", words, 2, 0.1) is None
     words[8] = 0.0

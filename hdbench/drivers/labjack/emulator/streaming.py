@@ -266,13 +266,7 @@ class StreamEngine:
         self.start_ticks = 0
         # whether the scan that marks the joint counts as skipped, too: no document says so
         self.count_joint = False
-        self._order: StreamOrder | None = None
-        self._rows: deque[NDArray[np.uint16]] = deque()
-        self._number = 0
-        self._taken = 0
-        self._skipped: int | None = None
-        self._joint: int | None = None
-        self._status = 0
+        self._forget(None)
         rate = self.memory.hold(_RATE, "f32")
         rate.on_read = lambda: actual_rate_hz(rate.value)
         self.memory.hold_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
@@ -310,13 +304,17 @@ class StreamEngine:
         value = float(self.memory.value(40000 + 2 * number)) or 10.0
         return min(_GAINS, key=lambda known: abs(known - value))
 
+    def _forget(self, order: StreamOrder | None) -> None:
+        """Count from the beginning of what is ordered."""
+        self._order = order
+        self._rows: deque[NDArray[np.uint16]] = deque()
+        self._number = self._taken = self._status = 0
+        self._skipped: int | None = None
+        self._joint: int | None = None
+
     def _start(self, order: StreamOrder) -> None:
         self._check(order)
-        self._order = order
-        self._rows.clear()
-        self._number = self._taken = 0
-        self._skipped = self._joint = None
-        self._status = 0
+        self._forget(order)
         self.start_ticks = self.ticks() + round(CORE_TIMER_HZ / order.rate_hz)
         self.wiring.instrument.begin(1.0 / order.rate_hz)
         self.running = True
