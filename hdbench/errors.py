@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Self
+
 
 class HdbenchError(Exception):
     """Say what is wrong, where it can be seen, and one act that mends it.
@@ -29,6 +32,12 @@ class HdbenchError(Exception):
         self.where = where
         self.fix = fix
         self.problems = problems
+
+    @classmethod
+    def several(cls, problems: Sequence[HdbenchError]) -> Self:
+        """Return the first of several problems, with all of them."""
+        first = problems[0]
+        return cls(first.what, where=first.where, fix=first.fix, problems=tuple(problems))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Carry the error between processes: the constructor's arguments have names."""

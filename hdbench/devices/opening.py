@@ -17,7 +17,7 @@ from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
-    from hdbench.devices.guard import GuardedBench
+    from hdbench.devices.guard.bench import GuardedBench
 
 EMBEDDED = "embedded"
 # the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
@@ -76,8 +76,9 @@ def open_bench(
         If the address has another form, or seed or plant are out of their domain.
     """
     from hdbench.devices.driver import open_daq
-    from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
-    from hdbench.devices.host import host_settings
+    from hdbench.devices.guard.bench import GuardedBench, GuardProcess, guard_silence_s
+    from hdbench.devices.guard.order import order_of
+    from hdbench.devices.host.settings import host_settings
     from hdbench.devices.operator import Simulation
 
     data = _data(profile)
@@ -169,7 +170,8 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
 def made_safe(data: ProfileData) -> SafeState:
     """Make a bench safe through its driver, after checking who answers."""
     from hdbench.devices.driver import open_daq
-    from hdbench.devices.host import HostedBench, host_settings
+    from hdbench.devices.host.bench import HostedBench
+    from hdbench.devices.host.settings import host_settings
 
     bench = HostedBench(open_daq(data, data.daq), host_settings(data))
     try:

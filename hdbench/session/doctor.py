@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hdbench.devices import open_bench
 from hdbench.devices.driver import drivers
-from hdbench.devices.guard import GuardedBench
+from hdbench.devices.guard.bench import GuardedBench
 from hdbench.devices.lock import is_line
 from hdbench.devices.opening import addresses_of
 from hdbench.devices.serial_ports import latency_timer_ms

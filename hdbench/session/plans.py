@@ -250,8 +250,7 @@ def motion_plan(kind: str, asked: MotionPlan, profile: ProfileData) -> Plan:
     """Plan what a plan file asks for."""
     problems = check_motion_plan(asked, profile)
     if problems:
-        first = problems[0]
-        raise UsageError(first.what, where=first.where, fix=first.fix, problems=tuple(problems))
+        raise UsageError.several(problems)
     places = sorted({load.position_rad for load in asked.loads if load.locked})
     stages = {id(stage.load): stage for stage in plan_stages(asked)}
     steps: list[Step] = []
@@ -309,8 +308,7 @@ def check_plan(plan: Plan, profile: ProfileData) -> None:
         elif isinstance(step, Point):
             problems += _check_load(step, profile, where)
     if problems:
-        first = problems[0]
-        raise UsageError(first.what, where=first.where, fix=first.fix, problems=tuple(problems))
+        raise UsageError.several(problems)
 
 
 def _check_devices(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:

@@ -11,7 +11,7 @@ import numpy as np
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings, SafeState
 from hdbench.devices.daq import Daq
-from hdbench.devices.guard import GuardedBench
+from hdbench.devices.guard.bench import GuardedBench
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.errors import HdbenchError, UnsafeError, UsageError
 from hdbench.profile import Profile

@@ -13,7 +13,7 @@ from hdbench.devices.daq import (
     WatchdogInfo,
     WatchdogState,
 )
-from hdbench.devices.host import HostSettings
+from hdbench.devices.host.settings import HostSettings
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import OutputChannel

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from hdbench.devices.emulator import process
-from hdbench.devices.guard import order_of
+from hdbench.devices.guard.order import order_of
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 

@@ -11,7 +11,7 @@ from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.composite import CompositeDaq
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.serving import emulated_speed
-from hdbench.devices.host import HostedBench
+from hdbench.devices.host.bench import HostedBench
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.loader import parse_profile

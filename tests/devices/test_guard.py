@@ -20,9 +20,9 @@ from stopwatch import Stopwatch
 
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
 from hdbench.devices.guard import bench as launching
-from hdbench.devices.guard.order import Look, as_json
+from hdbench.devices.guard.bench import GuardedBench, GuardProcess, guard_silence_s
+from hdbench.devices.guard.order import Look, as_json, order_of
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
 from hdbench.devices.wire.link import FrameError, read_registers, write_register

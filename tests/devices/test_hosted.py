@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from nodekit import until
 
 from hdbench.devices import AcquisitionSettings
-from hdbench.devices.host import HostedBench
-from hdbench.devices.host.bench import SampleClock, Unwrap
+from hdbench.devices.host.bench import HostedBench, SampleClock, Unwrap
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.errors import DeviceError, UsageError
 from hdbench.model.waves import ProgramPart, ReferenceProgram

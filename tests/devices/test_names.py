@@ -8,7 +8,7 @@ from stopwatch import Stopwatch
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.guard import order_of
+from hdbench.devices.guard.order import order_of
 from hdbench.devices.wire import address
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import FrameError, connect, read_registers

@@ -17,7 +17,7 @@ from typing import Literal
 
 from hdbench.devices.bench import AcquisitionSettings, Block, SafeState
 from hdbench.devices.guard.order import GuardOrder, as_json
-from hdbench.devices.host import HostedBench
+from hdbench.devices.host.bench import HostedBench
 from hdbench.devices.operator import Simulation
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED

@@ -150,6 +150,7 @@ class ModbusDaq:
 
     def __init__(self, access: Access, table: ModbusAcquisition) -> None:
         self._access = access
+        self.close = access.close
         self._table = table
         self._outputs = None if table.output is None else Outputs(access, table, table.output)
         self._identity: Identity | None = None
@@ -277,10 +278,6 @@ class ModbusDaq:
             zero_v=outputs.zero_v,
             brake_s=output.brake_s,
         )
-
-    def close(self) -> None:
-        """Close the connection; never raises."""
-        self._access.close()
 
     def _make_safe(self) -> None:
         if self._outputs is not None:

@@ -54,33 +54,6 @@ def exchange_rate_hz(address: Address, n_channels: int) -> float:
     return _SUSTAINED / address.serial.exchange_s(REQUEST_CHARACTERS, received)
 
 
-def capabilities_of(
-    limits: Mapping[str, Value], exchanges_hz: Callable[[int], float], *, simulated: bool
-) -> Capabilities:
-    """Return the capabilities of a node."""
-    fastest_hz = 1e9 / float(limits["min_period_ns"])
-    rates = tuple(
-        min(fastest_hz, exchanges_hz(n) * reg.block_scans(n))
-        for n in range(1, len(reg.CHANNELS) + 1)
-    )
-    return Capabilities(
-        inputs=tuple(_input(role, limits) for role in reg.CHANNELS),
-        max_rates_hz=rates,
-        min_rate_hz=1e9 / float(limits["max_period_ns"]),
-        generator=True,
-        enable=True,
-        watchdog=WatchdogInfo(
-            min_s=1e-3 * float(limits["watchdog_min_ms"]),
-            max_s=1e-3 * float(limits["watchdog_max_ms"]),
-            step_s=1e-3,
-            fed_by="heartbeat",
-            drops=("reference", "enable"),
-            latches=True,
-        ),
-        simulated=simulated,
-    )
-
-
 def _input(role: Role, limits: Mapping[str, Value]) -> InputInfo:
     if role == "encoder":
         return InputInfo(role, -(2.0**31), 2.0**31 - 1.0, bits=32, wrap=2**32)
@@ -129,8 +102,28 @@ class NodeDaq:
 
     def capabilities(self) -> Capabilities:
         """Return what the node can do over this wire."""
-        simulated = self.identity().simulated
-        return capabilities_of(self.limits(), self.exchanges_hz, simulated=simulated)
+        limits = self.limits()
+        fastest_hz = 1e9 / float(limits["min_period_ns"])
+        rates = tuple(
+            min(fastest_hz, self.exchanges_hz(n) * reg.block_scans(n))
+            for n in range(1, len(reg.CHANNELS) + 1)
+        )
+        return Capabilities(
+            inputs=tuple(_input(role, limits) for role in reg.CHANNELS),
+            max_rates_hz=rates,
+            min_rate_hz=1e9 / float(limits["max_period_ns"]),
+            generator=True,
+            enable=True,
+            watchdog=WatchdogInfo(
+                min_s=1e-3 * float(limits["watchdog_min_ms"]),
+                max_s=1e-3 * float(limits["watchdog_max_ms"]),
+                step_s=1e-3,
+                fed_by="heartbeat",
+                drops=("reference", "enable"),
+                latches=True,
+            ),
+            simulated=self.identity().simulated,
+        )
 
     def claim(self) -> None:
         """Become the one host that may write."""

@@ -138,6 +138,7 @@ class DataqDaq(InputsOnly):
 
     def __init__(self, commands: Commands, table: DataqAcquisition) -> None:
         self._commands = commands
+        self.close = commands.close
         self._table = table
         self._identity: Identity | None = None
         self._acquisition: Acquisition | None = None
@@ -223,10 +224,6 @@ class DataqDaq(InputsOnly):
         except HdbenchError as error:
             return SafeState(False, None, None, error.what)
         return SafeState(True, None, None, "the instrument drives nothing")
-
-    def close(self) -> None:
-        """Close the port; never raises."""
-        self._commands.close()
 
     def _set_up(
         self,

@@ -192,11 +192,8 @@ def check_table(table: LabJackAcquisition) -> None:
         problems += _channel_problems(table.model, channel)
     problems += _line_problems(table)
     if problems:
-        errors = tuple(
-            ProfileError(what, where=f"key daq.{key}", fix=fix) for key, what, fix in problems
-        )
-        raise ProfileError(
-            errors[0].what, where=errors[0].where, fix=errors[0].fix, problems=errors
+        raise ProfileError.several(
+            [ProfileError(what, where=f"key daq.{key}", fix=fix) for key, what, fix in problems]
         )
 
 

@@ -1,3 +1,1 @@
 """A calibration for a person at the bench: planned, asked for, guarded, journaled, resumed."""
-
-from __future__ import annotations
