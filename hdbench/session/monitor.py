@@ -119,8 +119,9 @@ def observe(
             while recorder.stage_rows < count:
                 block = next_block(bench, stop)
                 rows = recorder.add(block)
-                for name, statistics in channels.items():
-                    statistics.add(rows[name])
+                # a bench need not have every channel
+                for name in channels.keys() & rows.keys():
+                    channels[name].add(rows[name])
                 watcher.frame(recorder.frame("looking on, drive disabled", total_s, block, rows))
             bench.stop()
         except StopRequested as request:

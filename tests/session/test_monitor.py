@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +40,13 @@ class Seen:
         raise AssertionError(now)
 
 
-def look(watcher: object, duration_s: float | None = None, stop=None, **named) -> Observation:
-    scale, model = profile_scale(PROFILE), preset("report-6", PROFILE.data)
+def look(
+    watcher: object, duration_s: float | None = None, stop=None, profile=PROFILE, **named
+) -> Observation:
+    scale, model = profile_scale(profile), preset("report-6", profile.data)
     told = {"address": None, "plant": "as-modelled", "seed": 0, **named}
     stop = stop or StopSignals()
-    return observe(PROFILE, scale, model, watcher, stop, duration_s=duration_s, **told)
+    return observe(profile, scale, model, watcher, stop, duration_s=duration_s, **told)
 
 
 def test_statistics_by_blocks_are_those_of_all_samples() -> None:
@@ -84,6 +87,14 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
     assert told["motor_angle_rad"]["max"] - told["motor_angle_rad"]["min"] <= turn
     assert sum(len(f.columns["time_s"]) for f in seen.frames) == 300
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bench_without_an_encoder_is_watched_by_what_it_has() -> None:
+    daq = PROFILE.data.daq.model_copy(update={"channels": ("torque", "tacho")})
+    bare = replace(PROFILE, data=PROFILE.data.model_copy(update={"daq": daq}))
+    told = look(Seen(), 0.1, profile=bare).channels
+    assert told["torque_nm"]["n"] == 100
+    assert told["motor_angle_rad"]["n"] == 0
 
 
 def test_a_signal_ends_it_with_the_bench_safe() -> None:
