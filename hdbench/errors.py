@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Self
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 
 class HdbenchError(Exception):
@@ -157,3 +157,10 @@ def nothing_stored(path: object) -> DataError:
         where=str(path),
         fix="check the path; 'hdbench runs list' names the runs that are stored here",
     )
+
+
+def told_error(body: Mapping[str, Any]) -> HdbenchError:
+    """Return the error that another process has told as `HdbenchError.to_dict` gives it."""
+    kinds = {kind.kind: kind for kind in (UsageError, DataError, ProfileError, StorageError)}
+    kind = kinds.get(str(body["kind"]), DeviceError)
+    return kind(str(body["what"]), where=str(body["where"]), fix=str(body["fix"]))

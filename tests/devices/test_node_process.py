@@ -200,3 +200,8 @@ def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, sto
     events = [event["event"] for event in _events(record)]
     assert events[0] == "start"
     assert events[-1] == "standstill"
+
+
+def test_a_seed_out_of_its_domain_is_wrong_usage_as_the_emulator_tells_it():
+    with pytest.raises(UsageError, match="seed -1 is negative"), open_bench(PROFILE, seed=-1):
+        pass

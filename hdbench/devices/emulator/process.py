@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from hdbench.errors import DeviceError, HdbenchError, ProfileError
+from hdbench.errors import DeviceError, told_error
 from hdbench.profile.schema import ProfileData
 from hdbench.system.children import child_command
 from hdbench.system.processes import DETACHED
@@ -101,7 +101,7 @@ def _handshake(process: subprocess.Popen[bytes], order: bytes, words: IO[bytes])
         )
     message: dict[str, Any] = json.loads(line)
     if "error" in message:
-        raise _as_error(message["error"])
+        raise told_error(message["error"])
     return message
 
 
@@ -132,11 +132,6 @@ def _line(descriptor: int, limit_s: float) -> bytes:
         # in short waits: on Windows Ctrl-C does not end a long one
         reader.join(_GRAIN_S)
     return bytes(line)
-
-
-def _as_error(body: dict[str, Any]) -> HdbenchError:
-    kind = ProfileError if body["exit_code"] == ProfileError.exit_code else DeviceError
-    return kind(str(body["what"]), where=str(body["where"]), fix=str(body["fix"]))
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
