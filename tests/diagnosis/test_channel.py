@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
-from swinging_shaft import reversing
+from swinging_shaft import RIPPLE, record, reversing
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.diagnosis.discovery.bands import make_bands, shifted
@@ -47,6 +47,16 @@ def test_a_delay_is_found_beside_friction():
     again = diagnose_trace(reversing(dry, channel=late(2)), PROFILE, model=result.model)
     assert again.causes == ()
     assert "time-skew" in {term.name for term in again.model.causes}
+
+
+def test_a_delay_of_more_than_half_a_turn_of_the_ripple_is_found():
+    # at 150 rad/s the ripple of order 4 turns by 3.6 rad in 6 ms
+    whole = record(motion=(150.0, 60.0, 5.0), ripple=RIPPLE)
+    trace = whole.with_columns(torque_nm=late(6)(whole["torque_nm"]))
+    (skew,) = diagnose_trace(trace, PROFILE, materiality=0.0).causes
+    assert skew.name == "time-skew"
+    value = skew.parameters["skew_s"]
+    assert abs(value.value - 0.006) < 4.0 * value.std < 1e-3
 
 
 def test_no_delay_is_found_where_there_is_none():

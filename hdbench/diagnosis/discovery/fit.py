@@ -27,8 +27,6 @@ from hdbench.records.trace import FloatArray
 
 # name of the columns that stand for slow motion where the channel is judged
 SLOW = "slow-motion"
-# how often what is explained is moved by a delay and fitted again: sharp reversals need the second
-_RETIMED = 2
 # directions of which less than this share of their energy is their own are taken as dependent
 _OWN_SHARE = 1e-6
 
@@ -409,20 +407,21 @@ class Fit:
         pieces = self.record.records or (self.record,)
         parts = getattr(self.bands, "parts", (self.bands,))
         fixed = [fixed_of(one, own) for one, own in zip(pieces, parts, strict=True)]
-        read = [
-            torque_of(one, own) - still
-            for one, own, still in zip(pieces, parts, fixed, strict=True)
-        ]
+        read = [torque_of(one, own) for one, own in zip(pieces, parts, strict=True)]
         ends = np.cumsum([len(row) for row in fixed])[:-1]
-        new = self
-        for _ in range(_RETIMED):
-            found = np.split(new.measured - new.residual, ends)
-            moved = [
-                own.moved(row + still, late_s / one.period_s) - row - still
-                for one, own, row, still in zip(pieces, parts, found, fixed, strict=True)
-            ]
-            new = self.of(np.concatenate(read) - np.concatenate(moved))
-            new.settle(rounds)
+
+        def moved(rows: list[FloatArray], by_s: float) -> FloatArray:
+            some = zip(pieces, parts, rows, strict=True)
+            return np.concatenate([own.moved(row, by_s / one.period_s) for one, own, row in some])
+
+        still, torque = np.concatenate(fixed), np.concatenate(read)
+        # what is explained is what explains the torque as it would have been read in time
+        early = self.of(moved(read, -late_s) - still)
+        early.settle(0)
+        explained = early.measured - early.residual
+        late_by = moved(np.split(explained + still, ends), late_s) - explained
+        new = self.of(torque - late_by)
+        new.settle(rounds)
         late = tuple(replace(one, late_s=late_s) for one in pieces)
         records = late if self.record.records else ()
         new.record = replace(self.record, late_s=late_s, records=records)

@@ -429,7 +429,9 @@ def modulated_looks(fit: Fit, beside: Beside, scans: tuple[Scan, ...]) -> list[L
     None in a stack of records, each of which has an axis of its own.
     """
     scans = tuple(scan for scan in scans if scan.domain != "frequency" and not scan.parts)
-    (glance, *_) = glances(fit)
+    if not scans:
+        return []
+    (glance,) = glances(fit)
     weighted = fit.bands.inverse(glance.residual * fit.bands.spread(1.0 / glance.noise))
     weighted = np.where(fit.record.motion.valid, weighted, 0.0)
     axes = axes_of(fit.record)
