@@ -11,7 +11,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Discriminator,
-    Field,
     GetCoreSchemaHandler,
     PositiveFloat,
     Tag,
@@ -33,7 +32,7 @@ from hdbench.profile.acquiring_table import (
     find,
     installed,
 )
-from hdbench.profile.tables import Conflict, refuse
+from hdbench.profile.tables import Conflict, item, refuse
 
 __all__ = [
     "ROLES",
@@ -61,15 +60,13 @@ _COMPOSITE = "composite"
 class PluginAcquisition(Acquisition):
     """A DAQ of another package that brings no table of its own."""
 
-    driver: str = Field(
+    driver: str = item(
+        "name of the driver: an entry point of the group hdbench.drivers",
         pattern=r"^[a-z0-9][a-z0-9-]{0,31}$",
-        description="name of the driver: an entry point of the group hdbench.drivers",
     )
-    channels: tuple[Role, ...] = Field(
-        default=ROLES, min_length=1, description="what is sampled, in order"
-    )
-    options: dict[str, str | int | float | bool] = Field(
-        default_factory=dict, description="keys of that driver's own"
+    channels: tuple[Role, ...] = item("what is sampled, in order", ROLES, min_length=1)
+    options: dict[str, str | int | float | bool] = item(
+        "keys of that driver's own", default_factory=dict
     )
 
     @field_validator("driver")
@@ -144,22 +141,15 @@ class CompositeAcquisition(Acquisition):
 
     model_config = ConfigDict(defer_build=True)
 
-    driver: Literal["composite"] = Field(description="two devices that act as one")
-    address: Literal["embedded", "parts"] = Field(
-        default="parts",
-        description="`embedded` emulates both parts; `parts`: each part names its own",
+    driver: Literal["composite"] = item("two devices that act as one")
+    address: Literal["embedded", "parts"] = item(
+        "`embedded` emulates both parts; `parts`: each part names its own", "parts"
     )
-    channels: tuple[Role, ...] = Field(
-        default=ROLES, min_length=1, description="what is sampled, in order"
-    )
-    inputs: _Part = Field(description="table of the device that samples")
-    outputs: _Part = Field(
-        description="table of the device that drives the motor; has the watchdog"
-    )
-    max_skew_s: PositiveFloat = Field(
-        default=0.02,
-        le=1.0,
-        description="largest doubt of an output's time on the input's clock, s",
+    channels: tuple[Role, ...] = item("what is sampled, in order", ROLES, min_length=1)
+    inputs: _Part = item("table of the device that samples")
+    outputs: _Part = item("table of the device that drives the motor; has the watchdog")
+    max_skew_s: PositiveFloat = item(
+        "largest doubt of an output's time on the input's clock, s", 0.02, le=1.0
     )
 
     @model_validator(mode="before")

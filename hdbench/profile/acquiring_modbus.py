@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field, PositiveFloat, model_validator
+from pydantic import BaseModel, Field, PositiveFloat
 
 from hdbench.profile.acquiring_table import Acquisition, OutputChannel, Role, SerialLine, TlsFiles
-from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
+from hdbench.profile.tables import Conflict, NonNegative, Table, item
 
 Key = tuple[str | int, ...]
 
@@ -48,8 +48,8 @@ def number_ranges(numbering: str, table: str) -> tuple[tuple[int, int], ...]:
 class ModbusPlace(Table):
     """One value in the device's map."""
 
-    table: Literal["holding", "input", "coil", "discrete"] = Field(
-        default="holding", description="table it stands in: read by function 3, 4, 1, 2"
+    table: Literal["holding", "input", "coil", "discrete"] = item(
+        "table it stands in: read by function 3, 4, 1, 2", "holding"
     )
     address: _Address
     type: _Type = "i16"
@@ -59,67 +59,58 @@ class ModbusPlace(Table):
 class ModbusIdentify(ModbusPlace):
     """A value by which the device is known; checked before anything is written."""
 
-    equals: float | None = Field(default=None, description="what it must read")
-    mask: int | None = Field(
-        default=None, ge=1, description="bits that are compared; left out: all of them"
-    )
-    low: float | None = Field(default=None, description="lowest allowed value")
-    high: float | None = Field(default=None, description="highest allowed value")
+    equals: float | None = item("what it must read", None)
+    mask: int | None = item("bits that are compared; left out: all of them", None, ge=1)
+    low: float | None = item("lowest allowed value", None)
+    high: float | None = item("highest allowed value", None)
 
-    @model_validator(mode="after")
-    def _says_something(self) -> ModbusIdentify:
+    def conflicts(self) -> Iterator[Conflict]:
+        """Return what is wrong with an identification that nothing can fail."""
         if self.equals is None and self.low is None and self.high is None:
             what = "does not say what it must read; needed: equals, or low and high"
-            refuse([Conflict((), what, "add equals")])
-        return self
+            yield Conflict((), what, "add equals")
 
 
 class ModbusStatus(ModbusPlace):
     """A word that tells whether a channel can be believed."""
 
-    mask: int = Field(ge=1, description="bits of it that count")
-    good: int = Field(default=0, ge=0, description="what they read while the reading is good")
-    type: Literal["u16", "u32"] = Field(default="u16", description="type of the word")
+    mask: int = item("bits of it that count", ge=1)
+    good: int = item("what they read while the reading is good", 0, ge=0)
+    type: Literal["u16", "u32"] = item("type of the word", "u16")
 
 
 class ModbusSign(ModbusPlace):
     """A bit that stands for the sign of a channel, which itself reads without one."""
 
-    bit: int = Field(ge=0, le=31, description="number of the bit, 0 the lowest")
-    type: Literal["u16", "u32"] = Field(default="u16", description="type of the word")
+    bit: int = item("number of the bit, 0 the lowest", ge=0, le=31)
+    type: Literal["u16", "u32"] = item("type of the word", "u16")
 
 
 class ModbusChannel(ModbusPlace):
     """One value that is polled."""
 
-    role: Role = Field(description="what it measures")
-    scale: float = Field(default=1.0, description="units of the role per step")
-    offset: float = Field(default=0.0, description="value at zero, units of the role")
-    low: float | None = Field(
-        default=None, description="lower end of its range, units of the role; left out: of its type"
+    role: Role = item("what it measures")
+    scale: float = item("units of the role per step", 1.0)
+    offset: float = item("value at zero, units of the role", 0.0)
+    low: float | None = item(
+        "lower end of its range, units of the role; left out: of its type", None
     )
-    high: float | None = Field(
-        default=None, description="upper end of its range, units of the role; left out: of its type"
+    high: float | None = item(
+        "upper end of its range, units of the role; left out: of its type", None
     )
-    wrap_bits: int | None = Field(
-        default=None, ge=8, le=32, description="of a counter: it wraps after 2 to the power of this"
+    wrap_bits: int | None = item(
+        "of a counter: it wraps after 2 to the power of this", None, ge=8, le=32
     )
-    invalid: tuple[float, ...] = Field(
-        default=(), description="raw values that stand for no reading: that sample counts as lost"
+    invalid: tuple[float, ...] = item(
+        "raw values that stand for no reading: that sample counts as lost", ()
     )
-    status: ModbusStatus | None = Field(
-        default=None, description="word that must be good, else that sample counts as lost"
+    status: ModbusStatus | None = item(
+        "word that must be good, else that sample counts as lost", None
     )
-    sign: ModbusSign | None = Field(
-        default=None, description="bit that is 1 while the value is negative"
-    )
+    sign: ModbusSign | None = item("bit that is 1 while the value is negative", None)
 
-    @model_validator(mode="after")
-    def _fits_its_role(self) -> ModbusChannel:
-        refuse(self._conflicts())
-        return self
-
-    def _conflicts(self) -> Iterator[Conflict]:
+    def conflicts(self) -> Iterator[Conflict]:
+        """Return the keys that do not fit the role."""
         encoder = self.role == "encoder"
         if self.wrap_bits is not None and not encoder:
             yield Conflict(
@@ -138,89 +129,71 @@ class ModbusChannel(ModbusPlace):
 class ModbusWrite(ModbusPlace):
     """One value that is written, and read back."""
 
-    value: float = Field(description="what is written")
-    function: Literal[5, 6, 16] | None = Field(
-        default=None,
-        description="Modbus function; left out: 5 for a coil, 6 for one register, else 16",
+    value: float = item("what is written")
+    function: Literal[5, 6, 16] | None = item(
+        "Modbus function; left out: 5 for a coil, 6 for one register, else 16", None
     )
-    read_back: bool = Field(
-        default=True, description="whether it reads back as written; false for a command register"
-    )
+    read_back: bool = item("whether it reads back as written; false for a command register", True)
 
 
 class ModbusEnable(ModbusPlace):
     """The drive's enable line."""
 
-    on: int = Field(default=1, ge=0, le=65535, description="value that enables the drive")
-    off: int = Field(default=0, ge=0, le=65535, description="value that disables it")
-    table: Literal["holding", "coil"] = Field(default="coil", description="table it stands in")
-    type: Literal["u16"] = Field(default="u16", description="type of the value")
+    on: int = item("value that enables the drive", 1, ge=0, le=65535)
+    off: int = item("value that disables it", 0, ge=0, le=65535)
+    table: Literal["holding", "coil"] = item("table it stands in", "coil")
+    type: Literal["u16"] = item("type of the value", "u16")
 
 
 class ModbusFeed(ModbusPlace):
     """What is written to feed the watchdog; it must move nothing."""
 
-    kind: Literal["key", "toggle", "increment"] = Field(
-        default="toggle",
-        description="always `value`, 0 and `value` in turn, or one more every time",
+    kind: Literal["key", "toggle", "increment"] = item(
+        "always `value`, 0 and `value` in turn, or one more every time", "toggle"
     )
-    value: int = Field(default=1, ge=1, le=65535, description="value that is written")
-    type: Literal["u16"] = Field(default="u16", description="type of the value")
+    value: int = item("value that is written", 1, ge=1, le=65535)
+    type: Literal["u16"] = item("type of the value", "u16")
 
 
 class ModbusWatchdog(Table):
     """The watchdog that lives in the device."""
 
-    time: ModbusPlace = Field(description="register of its time")
-    unit_s: PositiveFloat = Field(description="one step of that register, s")
-    min_s: PositiveFloat = Field(description="shortest time, s")
-    max_s: PositiveFloat = Field(description="longest time, s")
-    fed_by: Literal["message", "write", "key"] = Field(
-        description="what feeds it: any request, any write, or a key in a register"
+    time: ModbusPlace = item("register of its time")
+    unit_s: PositiveFloat = item("one step of that register, s")
+    min_s: PositiveFloat = item("shortest time, s")
+    max_s: PositiveFloat = item("longest time, s")
+    fed_by: Literal["message", "write", "key"] = item(
+        "what feeds it: any request, any write, or a key in a register"
     )
-    feed: ModbusFeed | None = Field(
-        default=None, description="what is written to feed it; none for `message`"
+    feed: ModbusFeed | None = item("what is written to feed it; none for `message`", None)
+    tripped: ModbusIdentify = item("what reads so after it has tripped")
+    drops: tuple[Literal["reference", "enable"], ...] = item(
+        "outputs that it makes safe", ("reference", "enable"), min_length=1
     )
-    tripped: ModbusIdentify = Field(description="what reads so after it has tripped")
-    drops: tuple[Literal["reference", "enable"], ...] = Field(
-        default=("reference", "enable"), min_length=1, description="outputs that it makes safe"
-    )
-    latches: bool = Field(default=True, description="whether outputs stay safe until it is cleared")
-    clear: tuple[ModbusWrite, ...] = Field(
-        default=(), description="writes that clear a trip, in order"
-    )
+    latches: bool = item("whether outputs stay safe until it is cleared", True)
+    clear: tuple[ModbusWrite, ...] = item("writes that clear a trip, in order", ())
 
 
 class ModbusOutput(OutputChannel, ModbusPlace):
     """The motor reference, the drive's enable line and the watchdog behind them."""
 
-    table: Literal["holding"] = Field(default="holding", description="table it stands in")
-    scale: float = Field(default=1.0, description="V per step")
-    offset: float = Field(default=0.0, description="output at zero, V")
-    function: Literal[6, 16] | None = Field(
-        default=None, description="Modbus function; left out: 6 for one register, else 16"
+    table: Literal["holding"] = item("table it stands in", "holding")
+    scale: float = item("V per step", 1.0)
+    offset: float = item("output at zero, V", 0.0)
+    function: Literal[6, 16] | None = item(
+        "Modbus function; left out: 6 for one register, else 16", None
     )
-    read_back: ModbusPlace | None = Field(
-        default=None, description="where the output reads back; left out: where it is written"
+    read_back: ModbusPlace | None = item(
+        "where the output reads back; left out: where it is written", None
     )
-    brake_s: NonNegative = Field(
-        default=0.1,
-        le=1.0,
-        description="time from reference zero to enable off in the safe state, s",
+    brake_s: NonNegative = item(
+        "time from reference zero to enable off in the safe state, s", 0.1, le=1.0
     )
-    enable: ModbusEnable | None = Field(
-        default=None, description="[daq.output.enable]: none, no enable line"
-    )
-    watchdog: ModbusWatchdog | None = Field(
-        default=None, description="[daq.output.watchdog]: none, no motion"
-    )
+    enable: ModbusEnable | None = item("[daq.output.enable]: none, no enable line", None)
+    watchdog: ModbusWatchdog | None = item("[daq.output.watchdog]: none, no motion", None)
 
-    @model_validator(mode="after")
-    def _consistent(self) -> ModbusOutput:
-        refuse(self._conflicts())
-        return self
-
-    def _conflicts(self) -> Iterator[Conflict]:
+    def conflicts(self) -> Iterator[Conflict]:
+        """Return the keys of output, enable line and watchdog that do not go together."""
         if self.scale == 0.0:
             yield Conflict(("scale",), "is 0; needed: V per step", "give V per step")
         if self.enable is not None and self.enable.on == self.enable.off:
@@ -247,61 +220,50 @@ class ModbusOutput(OutputChannel, ModbusPlace):
 class ModbusAcquisition(Acquisition):
     """A polled Modbus device: requests per sample, times are the host's."""
 
-    driver: Literal["modbus"] = Field(description="driver that speaks to the DAQ")
-    address: str = Field(
-        default="embedded",
+    driver: Literal["modbus"] = item("driver that speaks to the DAQ")
+    address: str = item(
+        "`embedded` (emulated), tcp://, tls://, udp:// or rtu+tcp://HOST[:PORT], rtu:// or "
+        "ascii:///dev/NAME?baud=RATE",
+        "embedded",
         pattern=r"^(embedded|(tcp|tls|udp|rtu\+tcp)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?"
         r"|(rtu|ascii)://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
         max_length=256,
-        description="`embedded` (emulated), tcp://, tls://, udp:// or rtu+tcp://HOST[:PORT], "
-        "rtu:// or ascii:///dev/NAME?baud=RATE",
     )
-    vendor: str = Field(default="", max_length=64, description="who makes the device")
-    model: str = Field(default="", max_length=64, description="model of the device")
-    unit: int = Field(default=1, ge=1, le=247, description="Modbus unit identifier")
-    numbering: Literal["zero", "one", "modicon"] = Field(
-        default="zero",
-        description="how `address` counts: from 0 as on the wire, from 1, or as 40001 "
-        "(holding), 30001 (input), 10001 (discrete), 1 (coil)",
+    vendor: str = item("who makes the device", "", max_length=64)
+    model: str = item("model of the device", "", max_length=64)
+    unit: int = item("Modbus unit identifier", 1, ge=1, le=247)
+    numbering: Literal["zero", "one", "modicon"] = item(
+        "how `address` counts: from 0 as on the wire, from 1, or as 40001 (holding), 30001 "
+        "(input), 10001 (discrete), 1 (coil)",
+        "zero",
     )
-    max_read_registers: int = Field(
-        default=125, ge=1, le=125, description="most registers that one request may read"
-    )
-    bridge_registers: int = Field(
-        default=0,
+    max_read_registers: int = item("most registers that one request may read", 125, ge=1, le=125)
+    bridge_registers: int = item(
+        "registers that are not listed and may be read with their neighbours, so that one request "
+        "does for two",
+        0,
         ge=0,
         le=64,
-        description="registers that are not listed and may be read with their neighbours, so "
-        "that one request does for two",
     )
-    min_gap_s: NonNegative = Field(
-        default=0.0, le=1.0, description="rest of the device between two requests, s"
+    min_gap_s: NonNegative = item("rest of the device between two requests, s", 0.0, le=1.0)
+    reply_s: NonNegative = item(
+        "time that the device takes for a reply, the wire left out, s", 0.01, le=1.0
     )
-    reply_s: NonNegative = Field(
-        default=0.01,
-        le=1.0,
-        description="time that the device takes for a reply, the wire left out, s",
+    refresh_hz: PositiveFloat | None = item(
+        "how often the device renews its values, Hz; none: with every request", None
     )
-    refresh_hz: PositiveFloat | None = Field(
-        default=None,
-        description="how often the device renews its values, Hz; none: with every request",
+    identify: tuple[ModbusIdentify, ...] = item(
+        "values by which the device is known, checked before any write", ()
     )
-    identify: tuple[ModbusIdentify, ...] = Field(
-        default=(), description="values by which the device is known, checked before any write"
+    init: tuple[ModbusWrite, ...] = item(
+        "settings, written only where they differ: flash wears out", ()
     )
-    init: tuple[ModbusWrite, ...] = Field(
-        default=(), description="settings, written only where they differ: flash wears out"
+    channels: tuple[ModbusChannel, ...] = item("what is polled, in order", ())
+    output: ModbusOutput | None = item("[daq.output]: motor reference; none: no motion", None)
+    serial: SerialLine | None = item(
+        "[daq.serial], for rtu:// and ascii:// only: the serial line", None
     )
-    channels: tuple[ModbusChannel, ...] = Field(default=(), description="what is polled, in order")
-    output: ModbusOutput | None = Field(
-        default=None, description="[daq.output]: motor reference; none: no motion"
-    )
-    serial: SerialLine | None = Field(
-        default=None, description="[daq.serial], for rtu:// and ascii:// only: the serial line"
-    )
-    tls: TlsFiles | None = Field(
-        default=None, description="[daq.tls], for tls:// only: the certificates"
-    )
+    tls: TlsFiles | None = item("[daq.tls], for tls:// only: the certificates", None)
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield the keys of this table that do not go together."""

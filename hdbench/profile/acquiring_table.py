@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint, entry_points
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import Field, PositiveFloat, ValidationInfo, field_validator, model_validator
+from pydantic import PositiveFloat, ValidationInfo, field_validator
 
-from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
+from hdbench.profile.tables import Conflict, NonNegative, Table, item, refuse
 
 Group = Literal["hdbench.drivers", "hdbench.tables"]
 """Entry points of drivers, and of the tables that describe their devices in a profile."""
@@ -69,26 +69,22 @@ ROLES: tuple[Role, ...] = ("torque", "tacho", "current", "reference", "encoder")
 class Acquisition(Table):
     """The DAQ: how it is reached and how it samples."""
 
-    driver: str = Field(description="driver that speaks to the DAQ")
-    address: str = Field(
-        default="embedded",
+    driver: str = item("driver that speaks to the DAQ")
+    address: str = item(
+        "`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT, rtu:///dev/NAME and "
+        "others; which of them depends on the driver",
+        "embedded",
         min_length=1,
         max_length=256,
-        description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT, "
-        "rtu:///dev/NAME and others; which of them depends on the driver",
     )
-    sample_period_s: PositiveFloat = Field(ge=1e-4, le=1.0, description="sampling period, s")
-    range_v: PositiveFloat = Field(default=10.0, description="input range +-, V")
-    resolution_bits: int = Field(default=16, ge=8, le=24, description="ADC resolution, bit")
-    watchdog_s: PositiveFloat = Field(
-        default=0.5, le=5.0, description="host silence after which the device zeroes the motor, s"
+    sample_period_s: PositiveFloat = item("sampling period, s", ge=1e-4, le=1.0)
+    range_v: PositiveFloat = item("input range +-, V", 10.0)
+    resolution_bits: int = item("ADC resolution, bit", 16, ge=8, le=24)
+    watchdog_s: PositiveFloat = item(
+        "host silence after which the device zeroes the motor, s", 0.5, le=5.0
     )
-    deadline_s: PositiveFloat = Field(
-        default=0.25, le=2.0, description="longest wait for one reply, s"
-    )
-    verified: Literal["none", "emulator", "hardware"] = Field(
-        default="none", description="what this table was tried on"
-    )
+    deadline_s: PositiveFloat = item("longest wait for one reply, s", 0.25, le=2.0)
+    verified: Literal["none", "emulator", "hardware"] = item("what this table was tried on", "none")
 
     @field_validator("driver")
     @classmethod
@@ -103,22 +99,12 @@ class Acquisition(Table):
     def _in_time(cls, deadline_s: float, info: ValidationInfo) -> float:
         watchdog_s = info.data.get("watchdog_s")
         if watchdog_s is not None and not deadline_s < watchdog_s:
-            refuse(
-                [
-                    Conflict(
-                        (),
-                        f"found {deadline_s:g} s; needed: below daq.watchdog_s = {watchdog_s:g} s, "
-                        "or one late reply stops the motor",
-                        "shorten daq.deadline_s",
-                    )
-                ]
+            what = (
+                f"found {deadline_s:g} s; needed: below daq.watchdog_s = {watchdog_s:g} s, "
+                "or one late reply stops the motor"
             )
+            refuse([Conflict((), what, "shorten daq.deadline_s")])
         return deadline_s
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        refuse(self.conflicts())
-        return self
 
     def part_tables(self) -> dict[str, Acquisition]:
         """Return the devices by their keys here: the one that samples first, that drives last."""
@@ -154,74 +140,58 @@ class Acquisition(Table):
 class SerialLine(Table):
     """A serial line that carries Modbus RTU or ASCII."""
 
-    baud_bd: int = Field(
-        default=115200, ge=1200, le=4_000_000, description="bit rate of the line, bit/s"
-    )
-    parity: Literal["none", "even", "odd"] = Field(
-        default="even", description="parity; Modbus asks for even"
-    )
-    stop_bits: int = Field(
-        default=1, ge=1, le=2, description="stop bits; two where there is no parity"
-    )
-    data_bits: Literal[7, 8] | None = Field(
-        default=None, description="data bits; left out: 8, of Modbus ASCII 7"
-    )
-    gap_s: NonNegative | None = Field(
-        default=None,
+    baud_bd: int = item("bit rate of the line, bit/s", 115200, ge=1200, le=4_000_000)
+    parity: Literal["none", "even", "odd"] = item("parity; Modbus asks for even", "even")
+    stop_bits: int = item("stop bits; two where there is no parity", 1, ge=1, le=2)
+    data_bits: Literal[7, 8] | None = item("data bits; left out: 8, of Modbus ASCII 7", None)
+    gap_s: NonNegative | None = item(
+        "silence between frames, s; left out: 3.5 characters, as up to 19200 bit/s the "
+        "specification asks; above that it advises 1.75 ms",
+        None,
         le=1.0,
-        description="silence between frames, s; left out: 3.5 characters, as up to 19200 "
-        "bit/s the specification asks; above that it advises 1.75 ms",
     )
 
 
 class TlsFiles(Table):
     """Certificates of Modbus/TCP Security (``tls://HOST:802``)."""
 
-    certificate: str = Field(description="PEM file of this computer's certificate")
-    key: str = Field(description="PEM file of its private key, mode 0600")
-    authority: str = Field(description="PEM file of whoever signed the device's")
-    server_name: str | None = Field(
-        default=None, description="name in the device's certificate; left out: its host name"
+    certificate: str = item("PEM file of this computer's certificate")
+    key: str = item("PEM file of its private key, mode 0600")
+    authority: str = item("PEM file of whoever signed the device's")
+    server_name: str | None = item(
+        "name in the device's certificate; left out: its host name", None
     )
 
 
 class OutputChannel(Table):
     """The motor reference where the host writes it."""
 
-    limit_v: PositiveFloat = Field(description="largest motor reference, either sign, V")
-    update_s: PositiveFloat = Field(
-        default=0.01, ge=1e-3, le=1.0, description="time between two values of the reference, s"
+    limit_v: PositiveFloat = item("largest motor reference, either sign, V")
+    update_s: PositiveFloat = item(
+        "time between two values of the reference, s", 0.01, ge=1e-3, le=1.0
     )
-    slew_v_per_s: PositiveFloat = Field(
-        default=1000.0, description="fastest change of the reference, V/s"
-    )
+    slew_v_per_s: PositiveFloat = item("fastest change of the reference, V/s", 1000.0)
 
 
 class NodeAcquisition(Acquisition):
     """A bench controller node on Modbus (docs/node-protocol.md)."""
 
-    driver: Literal["node"] = Field(default="node", description="driver that speaks to the DAQ")
-    address: str = Field(
-        default="embedded",
+    driver: Literal["node"] = item("driver that speaks to the DAQ", "node")
+    address: str = item(
+        "`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT or "
+        "rtu:///dev/NAME?baud=RATE",
+        "embedded",
         pattern=r"^(embedded|(tcp|tls)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+):[0-9]{1,5}"
         r"|rtu://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
         max_length=256,
-        description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT or "
-        "rtu:///dev/NAME?baud=RATE",
     )
-    resolution_bits: int = Field(default=16, ge=8, le=16, description="ADC resolution, bit")
-    watchdog_s: PositiveFloat = Field(
-        default=0.5, le=2.0, description="host silence after which the node zeroes the motor, s"
+    resolution_bits: int = item("ADC resolution, bit", 16, ge=8, le=16)
+    watchdog_s: PositiveFloat = item(
+        "host silence after which the node zeroes the motor, s", 0.5, le=2.0
     )
-    channels: tuple[Role, ...] = Field(
-        default=ROLES,
-        min_length=1,
-        description="what is sampled; fewer channels let a slow serial line follow",
+    channels: tuple[Role, ...] = item(
+        "what is sampled; fewer channels let a slow serial line follow", ROLES, min_length=1
     )
-    unit: int = Field(default=1, ge=1, le=247, description="Modbus unit identifier")
-    serial: SerialLine | None = Field(
-        default=None, description="[daq.serial], for rtu:// only: the serial line"
-    )
-    tls: TlsFiles | None = Field(
-        default=None, description="[daq.tls], for tls:// only: the certificates"
-    )
+    unit: int = item("Modbus unit identifier", 1, ge=1, le=247)
+    serial: SerialLine | None = item("[daq.serial], for rtu:// only: the serial line", None)
+    tls: TlsFiles | None = item("[daq.tls], for tls:// only: the certificates", None)

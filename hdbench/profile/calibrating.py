@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    Field,
-    PositiveFloat,
-    PositiveInt,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, PositiveFloat, PositiveInt, field_validator
 
-from hdbench.profile.tables import Conflict, NonNegative, Positive, Table, refuse
+from hdbench.profile.tables import Conflict, NonNegative, Positive, Table, item, refuse
 
 GravityFormula = Literal["wgs84", "welmec"]
 
@@ -80,54 +75,46 @@ _NOWHERE = math.nan
 class MassStandard(Table):
     """Weights: what their certificate states. Blank: not declared."""
 
-    certificate: _Text = Field(default="", description="number of the certificate")
-    accuracy_class: Literal["", "E2", "F1", "F2", "M1", "M2", "M3"] = Field(
-        default="", description="class of OIML R111; its limits serve where none are given"
+    certificate: _Text = item("number of the certificate", "")
+    accuracy_class: Literal["", "E2", "F1", "F2", "M1", "M2", "M3"] = item(
+        "class of OIML R111; its limits serve where none are given", ""
     )
-    relative_half_width: _Share | None = Field(
-        default=None, description="limits +- of a mass, share of the mass"
+    relative_half_width: _Share | None = item("limits +- of a mass, share of the mass", None)
+    relative_correction: float = item(
+        "conventional mass over nominal mass, less 1", 0.0, gt=-0.1, lt=0.1
     )
-    relative_correction: float = Field(
-        default=0.0, gt=-0.1, lt=0.1, description="conventional mass over nominal mass, less 1"
-    )
-    density_kg_m3: float = Field(
-        default=7850.0, ge=1000.0, le=22000.0, description="density of the weights, kg/m^3"
-    )
-    mass_kind: Literal["conventional", "true"] = Field(
-        default="conventional", description="which mass the certificate states"
+    density_kg_m3: float = item("density of the weights, kg/m^3", 7850.0, ge=1000.0, le=22000.0)
+    mass_kind: Literal["conventional", "true"] = item(
+        "which mass the certificate states", "conventional"
     )
 
 
 class LengthStandard(Table):
     """How the arm's length was measured. Blank: not declared."""
 
-    certificate: _Text = Field(default="", description="number of the certificate")
-    half_width_m: NonNegative | None = Field(
-        default=None, description="limits +- of the arm's length, m"
-    )
+    certificate: _Text = item("number of the certificate", "")
+    half_width_m: NonNegative | None = item("limits +- of the arm's length, m", None)
 
 
 class TorqueStandard(Table):
     """Reference sensor, where torques are given and not made of weights. Blank: not declared."""
 
-    certificate: _Text = Field(default="", description="number of the certificate")
-    identity: _Text = Field(default="", description="maker, type, serial number")
-    relative_expanded_uncertainty: _Share | None = Field(
-        default=None, description="U (k = 2) of an applied torque, share of the torque"
+    certificate: _Text = item("number of the certificate", "")
+    identity: _Text = item("maker, type, serial number", "")
+    relative_expanded_uncertainty: _Share | None = item(
+        "U (k = 2) of an applied torque, share of the torque", None
     )
 
 
 class InstrumentStandard(Table):
     """Voltmeter or DAQ that read the bridge. Blank: not declared."""
 
-    certificate: _Text = Field(default="", description="number of the certificate")
-    identity: _Text = Field(default="", description="maker, type, serial number")
-    relative_expanded_uncertainty: _Share | None = Field(
-        default=None, description="U (k = 2) of a reading, share of the reading"
+    certificate: _Text = item("number of the certificate", "")
+    identity: _Text = item("maker, type, serial number", "")
+    relative_expanded_uncertainty: _Share | None = item(
+        "U (k = 2) of a reading, share of the reading", None
     )
-    resolution_v: Positive | None = Field(
-        default=None, description="smallest step, V; else from daq range and bits"
-    )
+    resolution_v: Positive | None = item("smallest step, V; else from daq range and bits", None)
 
 
 class Standards(Table):
@@ -142,15 +129,15 @@ class Standards(Table):
 class Identity(Table):
     """Who calibrates what, and where. Blank: not declared."""
 
-    laboratory: _Text = Field(default="", description="who calibrates, with address")
-    place: _Text = Field(default="", description="where the calibration is made")
-    customer: _Text = Field(default="", description="for whom")
-    operator: _Text = Field(default="", description="who hangs the weights")
-    drive_serial: _Text = Field(default="", description="type and serial number of the drive")
-    flexspline_serial: _Text = Field(default="", description="serial number of the flexspline")
-    bridge_ohm: Positive | None = Field(default=None, description="resistance of the bridge, ohm")
-    cable: _Text = Field(default="", description="cable and wiring, such as 6-wire, 3 m")
-    amplifier_serial: _Text = Field(default="", description="type and serial of the amplifier")
+    laboratory: _Text = item("who calibrates, with address", "")
+    place: _Text = item("where the calibration is made", "")
+    customer: _Text = item("for whom", "")
+    operator: _Text = item("who hangs the weights", "")
+    drive_serial: _Text = item("type and serial number of the drive", "")
+    flexspline_serial: _Text = item("serial number of the flexspline", "")
+    bridge_ohm: Positive | None = item("resistance of the bridge, ohm", None)
+    cable: _Text = item("cable and wiring, such as 6-wire, 3 m", "")
+    amplifier_serial: _Text = item("type and serial of the amplifier", "")
 
 
 def _gravity_there(data: dict[str, Any]) -> float:
@@ -164,92 +151,64 @@ def _gravity_there(data: dict[str, Any]) -> float:
 class Arm(Table):
     """Arm and weights of the calibration."""
 
-    length_m: PositiveFloat = Field(description="axis to hanging point, m")
-    latitude_deg: float | None = Field(
-        default=None,
-        ge=-90.0,
-        le=90.0,
-        description="latitude, deg; for gravity where none is given",
+    length_m: PositiveFloat = item("axis to hanging point, m")
+    latitude_deg: float | None = item(
+        "latitude, deg; for gravity where none is given", None, ge=-90.0, le=90.0
     )
-    altitude_m: float | None = Field(
-        default=None, ge=-500.0, le=9000.0, description="height, m; for gravity where none is given"
+    altitude_m: float | None = item(
+        "height, m; for gravity where none is given", None, ge=-500.0, le=9000.0
     )
-    gravity_formula: GravityFormula = Field(
-        default="wgs84", description="formula for gravity from latitude and height"
-    )
-    gravity_m_s2: float = Field(
+    gravity_formula: GravityFormula = item("formula for gravity from latitude and height", "wgs84")
+    gravity_m_s2: float = item(
+        "local gravity, m/s^2; else latitude_deg and altitude_m are needed",
         ge=9.7,
         le=9.9,
         default_factory=_gravity_there,
-        description="local gravity, m/s^2; else latitude_deg and altitude_m are needed",
     )
-    gravity_half_width_m_s2: NonNegative | None = Field(
-        default=None,
-        description="limits +- of a given gravity, m/s^2; from latitude and height it is 50 ppm",
+    gravity_half_width_m_s2: NonNegative | None = item(
+        "limits +- of a given gravity, m/s^2; from latitude and height it is 50 ppm", None
     )
-    thermal_expansion_per_k: float | None = Field(
-        default=None, ge=0.0, le=1e-4, description="expansion of the arm's length, 1/K"
+    thermal_expansion_per_k: float | None = item(
+        "expansion of the arm's length, 1/K", None, ge=0.0, le=1e-4
     )
-    reference_temperature_c: float = Field(
-        default=20.0, ge=-20.0, le=60.0, description="temperature at which length_m holds, deg C"
+    reference_temperature_c: float = item(
+        "temperature at which length_m holds, deg C", 20.0, ge=-20.0, le=60.0
     )
-    temperature_half_width_k: NonNegative | None = Field(
-        default=None, description="limits +- of the arm's temperature, K"
+    temperature_half_width_k: NonNegative | None = item(
+        "limits +- of the arm's temperature, K", None
     )
-    tilt_rad: _Angle | None = Field(
-        default=None, description="downward tilt of the arm without weights, rad"
+    tilt_rad: _Angle | None = item("downward tilt of the arm without weights, rad", None)
+    tilt_half_width_rad: NonNegative | None = item("limits +- of the tilt, rad", None)
+    torsional_stiffness_nm_per_rad: Positive | None = item(
+        "stiffness between arm and ground, N m/rad; the arm sinks by it", None
     )
-    tilt_half_width_rad: NonNegative | None = Field(
-        default=None, description="limits +- of the tilt, rad"
+    lost_motion_rad: NonNegative = item("soft wind-up of the gear at first load, rad", 0.0, le=0.1)
+    hang_offset_m: float | None = item(
+        "hanging point below the line through the axis, m", None, ge=-1.0, le=1.0
     )
-    torsional_stiffness_nm_per_rad: Positive | None = Field(
-        default=None, description="stiffness between arm and ground, N m/rad; the arm sinks by it"
+    hang_offset_half_width_m: NonNegative | None = item(
+        "limits +- of the hanging point's offset, m", None
     )
-    lost_motion_rad: NonNegative = Field(
-        default=0.0, le=0.1, description="soft wind-up of the gear at first load, rad"
+    cant_half_width_rad: NonNegative | None = item(
+        "the arm's plane off the vertical by at most this, rad", None, le=0.2
     )
-    hang_offset_m: float | None = Field(
-        default=None,
-        ge=-1.0,
-        le=1.0,
-        description="hanging point below the line through the axis, m",
+    tare_kg: NonNegative = item("pan and hook that come on with the first weight, kg", 0.0)
+    side_force_distance_m: Positive | None = item(
+        "plane of the arm to plane of the gauges, m", None
     )
-    hang_offset_half_width_m: NonNegative | None = Field(
-        default=None, description="limits +- of the hanging point's offset, m"
+    air_density_kg_m3: float | None = item(
+        "air density, kg/m^3; 1.20 is usual", None, ge=0.0, le=2.0
     )
-    cant_half_width_rad: NonNegative | None = Field(
-        default=None, le=0.2, description="the arm's plane off the vertical by at most this, rad"
-    )
-    tare_kg: NonNegative = Field(
-        default=0.0, description="pan and hook that come on with the first weight, kg"
-    )
-    side_force_distance_m: Positive | None = Field(
-        default=None, description="plane of the arm to plane of the gauges, m"
-    )
-    air_density_kg_m3: float | None = Field(
-        default=None, ge=0.0, le=2.0, description="air density, kg/m^3; 1.20 is usual"
-    )
-    air_density_half_width_kg_m3: NonNegative = Field(
-        default=0.10, description="limits +- of the air density, kg/m^3"
-    )
-    loading: Literal["single", "couple"] = Field(
-        default="single", description="one weight on one arm, or a couple without side force"
+    air_density_half_width_kg_m3: NonNegative = item("limits +- of the air density, kg/m^3", 0.10)
+    loading: Literal["single", "couple"] = item(
+        "one weight on one arm, or a couple without side force", "single"
     )
 
-    @model_validator(mode="after")
-    def _placed(self) -> Arm:
+    def conflicts(self) -> Iterator[Conflict]:
+        """Return that nothing tells the gravity, where that is so."""
         if math.isnan(self.gravity_m_s2):
-            needed = "local gravity in m/s^2, or latitude_deg and altitude_m"
-            refuse(
-                [
-                    Conflict(
-                        ("gravity_m_s2",),
-                        f"is missing; needed: {needed}",
-                        "give gravity_m_s2, or where the bench stands",
-                    )
-                ]
-            )
-        return self
+            what = "is missing; needed: local gravity in m/s^2, or latitude_deg and altitude_m"
+            yield Conflict(("gravity_m_s2",), what, "give gravity_m_s2, or where the bench stands")
 
     @property
     def gravity_source(self) -> Literal["given", "wgs84", "welmec"]:
@@ -260,122 +219,83 @@ class Arm(Table):
 class StepSequence(Table):
     """Sequence of the preset ``cg14``, in the manner of EURAMET cg-14."""
 
-    positions: PositiveInt = Field(
-        default=3, ge=1, le=64, description="positions, equally spaced over a turn"
+    positions: PositiveInt = item("positions, equally spaced over a turn", 3, ge=1, le=64)
+    masses_kg: tuple[NonNegative, ...] = item(
+        "weights, kg; empty: 0, 20, 40, 60, 80, 100 % of the largest full one", ()
     )
-    masses_kg: tuple[NonNegative, ...] = Field(
-        default=(),
-        description="weights, kg; empty: 0, 20, 40, 60, 80, 100 % of the largest full one",
+    repeat_series: int = item(
+        "further up and down at the first position, not remounted", 1, ge=0, le=10
     )
-    repeat_series: int = Field(
-        default=1,
-        ge=0,
-        le=10,
-        description="further up and down at the first position, not remounted",
+    preloads_first: int = item(
+        "loadings to the largest weight before the first series", 3, ge=0, le=10
     )
-    preloads_first: int = Field(
-        default=3, ge=0, le=10, description="loadings to the largest weight before the first series"
-    )
-    preloads_remounted: int = Field(
-        default=1, ge=0, le=10, description="the same after each new position or direction"
-    )
-    preload_s: NonNegative = Field(default=30.0, description="time under each preload, s")
-    read_after_s: NonNegative = Field(
-        default=30.0, description="earliest reading after a change of load, s"
-    )
+    preloads_remounted: int = item("the same after each new position or direction", 1, ge=0, le=10)
+    preload_s: NonNegative = item("time under each preload, s", 30.0)
+    read_after_s: NonNegative = item("earliest reading after a change of load, s", 30.0)
 
 
 class AcceptanceLimits(Table):
     """Limits of `accepted` beside the consistency; a limit that is absent is not tested."""
 
-    decision_rule: Literal["simple", "guarded"] = Field(
-        default="simple",
-        description="simple: the value is within its limit; guarded: so is the upper end of "
-        "its 95 % interval, where it has one",
+    decision_rule: Literal["simple", "guarded"] = item(
+        "simple: the value is within its limit; guarded: so is the upper end of its 95 % "
+        "interval, where it has one",
+        "simple",
     )
-    max_expanded_uncertainty: Positive | None = Field(
-        default=None, description="expanded uncertainty of the mean gain, 95 %, share of the gain"
+    max_expanded_uncertainty: Positive | None = item(
+        "expanded uncertainty of the mean gain, 95 %, share of the gain", None
     )
-    max_class: Positive | None = Field(
-        default=None, description="worst indicative class, such as 2"
+    max_class: Positive | None = item("worst indicative class, such as 2", None)
+    max_zero_return: Positive | None = item(
+        "zero before less after a series, share of largest", None
     )
-    max_zero_return: Positive | None = Field(
-        default=None, description="zero before less after a series, share of largest"
-    )
-    max_hysteresis: Positive | None = Field(
-        default=None, description="down less up at one torque, share of largest"
-    )
-    max_lack_of_fit: Positive | None = Field(
-        default=None, description="deviation from the line, share of largest"
-    )
-    max_direction_asymmetry: Positive | None = Field(
-        default=None, description="gain cw less ccw, share of their mean"
-    )
+    max_hysteresis: Positive | None = item("down less up at one torque, share of largest", None)
+    max_lack_of_fit: Positive | None = item("deviation from the line, share of largest", None)
+    max_direction_asymmetry: Positive | None = item("gain cw less ccw, share of their mean", None)
 
 
 class ShuntCheck(Table):
     """Resistor across one arm of the bridge: checks amplifier, excitation and wiring."""
 
-    resistor_ohm: PositiveFloat = Field(description="shunt resistor, ohm")
-    bridge_ohm: PositiveFloat = Field(default=350.0, description="resistance of each arm, ohm")
-    expected_v: float | None = Field(
-        default=None, description="reading with less without shunt at the last calibration, V"
+    resistor_ohm: PositiveFloat = item("shunt resistor, ohm")
+    bridge_ohm: PositiveFloat = item("resistance of each arm, ohm", 350.0)
+    expected_v: float | None = item(
+        "reading with less without shunt at the last calibration, V", None
     )
-    tolerance: Positive = Field(
-        default=0.001, lt=1.0, description="accepted change of the shunt reading, share of it"
-    )
+    tolerance: Positive = item("accepted change of the shunt reading, share of it", 0.001, lt=1.0)
 
 
 class CalibrationPlan(Table):
     """Which loads, where, and when a reading counts as settled."""
 
-    preset: Literal["report", "cg14"] = Field(
-        default="report",
-        description="report: the report's experiments; cg14: in the manner of EURAMET cg-14",
+    preset: Literal["report", "cg14"] = item(
+        "report: the report's experiments; cg14: in the manner of EURAMET cg-14", "report"
     )
-    positions: PositiveInt = Field(
-        ge=1, le=64, description="flexspline positions, equally spaced over a turn"
+    positions: PositiveInt = item("flexspline positions, equally spaced over a turn", ge=1, le=64)
+    directions: tuple[Literal["cw", "ccw"], ...] = item("loading directions", min_length=1)
+    ranges: tuple[Literal["low", "full"], ...] = item("load ranges", min_length=1)
+    full_masses_kg: tuple[NonNegative, ...] = item("masses of the full range, kg", min_length=3)
+    low_masses_kg: tuple[NonNegative, ...] = item("masses of the low range, kg", min_length=3)
+    sample_period_s: PositiveFloat = item("sampling period of readings, s", 0.01, ge=1e-3, le=1.0)
+    average_s: PositiveFloat = item("time averaged for a reading, s", 1.0)
+    settle_timeout_s: PositiveFloat = item("longest wait for a reading to settle, s", 30.0)
+    settle_band_nm: PositiveFloat = item(
+        "two adjacent windows must agree within this (plus noise), N m", 0.02
     )
-    directions: tuple[Literal["cw", "ccw"], ...] = Field(
-        min_length=1, description="loading directions"
+    max_consistency: PositiveFloat = item("accepted when consistency is at most this", 0.05)
+    max_lock_motion_rad: PositiveFloat = item(
+        "motor angle change that means the lock slipped, rad", 0.02
     )
-    ranges: tuple[Literal["low", "full"], ...] = Field(min_length=1, description="load ranges")
-    full_masses_kg: tuple[NonNegative, ...] = Field(
-        min_length=3, description="masses of the full range, kg"
-    )
-    low_masses_kg: tuple[NonNegative, ...] = Field(
-        min_length=3, description="masses of the low range, kg"
-    )
-    sample_period_s: PositiveFloat = Field(
-        default=0.01, ge=1e-3, le=1.0, description="sampling period of readings, s"
-    )
-    average_s: PositiveFloat = Field(default=1.0, description="time averaged for a reading, s")
-    settle_timeout_s: PositiveFloat = Field(
-        default=30.0, description="longest wait for a reading to settle, s"
-    )
-    settle_band_nm: PositiveFloat = Field(
-        default=0.02, description="two adjacent windows must agree within this (plus noise), N m"
-    )
-    max_consistency: PositiveFloat = Field(
-        default=0.05, description="accepted when consistency is at most this"
-    )
-    max_lock_motion_rad: PositiveFloat = Field(
-        default=0.02, description="motor angle change that means the lock slipped, rad"
-    )
-    gross_error_fraction: Positive = Field(
-        default=0.3,
+    gross_error_fraction: Positive = item(
+        "a reading off the expected torque by more than this share of the smallest load step is "
+        "asked about",
+        0.3,
         lt=0.5,
-        description="a reading off the expected torque by more than this share of the smallest "
-        "load step is asked about",
     )
-    validity_days: Positive = Field(
-        default=365.0, description="age from which a run refuses this calibration, days"
-    )
-    cg14: StepSequence = Field(default=StepSequence(), description="sequence of the preset cg14")
-    limits: AcceptanceLimits = Field(
-        default=AcceptanceLimits(), description="further limits of acceptance"
-    )
-    shunt: ShuntCheck | None = Field(default=None, description="shunt check, if the bridge has one")
+    validity_days: Positive = item("age from which a run refuses this calibration, days", 365.0)
+    cg14: StepSequence = item("sequence of the preset cg14", StepSequence())
+    limits: AcceptanceLimits = item("further limits of acceptance", AcceptanceLimits())
+    shunt: ShuntCheck | None = item("shunt check, if the bridge has one", None)
 
     @field_validator("directions", "ranges")
     @classmethod

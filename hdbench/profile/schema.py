@@ -6,19 +6,11 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import (
-    ConfigDict,
-    Field,
-    PositiveFloat,
-    PositiveInt,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, ValidationInfo, field_validator
 
 from hdbench.profile.acquiring import AnyAcquisition
 from hdbench.profile.calibrating import Arm, CalibrationPlan, Identity, Standards
-from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
+from hdbench.profile.tables import Conflict, NonNegative, Table, item, refuse
 
 # shares of a period given as decimals add up to 1 within a few roundings
 _SHARE_ROUNDING = 1e-12
@@ -34,114 +26,94 @@ Name = Annotated[
 class Drive(Table):
     """The harmonic drive and the load on it."""
 
-    gear_ratio: float = Field(ge=1.0, le=1000.0, description="motor turns per output turn")
-    rated_torque_nm: PositiveFloat = Field(description="rated output torque, N m")
-    load_inertia_kg_m2: PositiveFloat = Field(
-        description="inertia of the load about the output, kg m^2"
-    )
-    flexspline_diameter_mm: PositiveFloat = Field(description="flexspline diameter, mm")
-    flexspline_length_mm: PositiveFloat = Field(description="flexspline length, mm")
-    flexspline: Literal["standing", "turning"] = Field(
-        default="standing",
-        description="whether the flexspline with its gauges stands or turns with the output; "
-        "gauge ripple has motor order 2 on a standing one, 2 (1 + 1/N) on a turning one",
+    gear_ratio: float = item("motor turns per output turn", ge=1.0, le=1000.0)
+    rated_torque_nm: PositiveFloat = item("rated output torque, N m")
+    load_inertia_kg_m2: PositiveFloat = item("inertia of the load about the output, kg m^2")
+    flexspline_diameter_mm: PositiveFloat = item("flexspline diameter, mm")
+    flexspline_length_mm: PositiveFloat = item("flexspline length, mm")
+    flexspline: Literal["standing", "turning"] = item(
+        "whether the flexspline with its gauges stands or turns with the output; gauge ripple has "
+        "motor order 2 on a standing one, 2 (1 + 1/N) on a turning one",
+        "standing",
     )
 
 
 class Sensor(Table):
     """Strain-gauge bridge on the flexspline and its amplifier."""
 
-    gain_nm_per_v: PositiveFloat = Field(description="torque per amplified volt, N m/V")
-    gain_consistency: NonNegative = Field(
-        lt=0.5, description="std over mean of the gain between flexspline positions"
+    gain_nm_per_v: PositiveFloat = item("torque per amplified volt, N m/V")
+    gain_consistency: NonNegative = item(
+        "std over mean of the gain between flexspline positions", lt=0.5
     )
-    excitation_v: PositiveFloat = Field(description="bridge supply, V")
-    amplifier_gain: PositiveFloat = Field(description="amplifier gain, V/V")
-    gauge_factor: PositiveFloat = Field(default=2.0, description="gauge factor K of the gauges")
-    wave_strain: NonNegative = Field(
-        default=200e-6,
-        description="strain amplitude Psi_0 that the wave generator imposes at a gauge pair",
+    excitation_v: PositiveFloat = item("bridge supply, V")
+    amplifier_gain: PositiveFloat = item("amplifier gain, V/V")
+    gauge_factor: PositiveFloat = item("gauge factor K of the gauges", 2.0)
+    wave_strain: NonNegative = item(
+        "strain amplitude Psi_0 that the wave generator imposes at a gauge pair", 200e-6
     )
-    noise_nm: NonNegative = Field(
-        default=0.05, description="white noise of the torque channel, N m per sample"
-    )
+    noise_nm: NonNegative = item("white noise of the torque channel, N m per sample", 0.05)
 
 
 class Tacho(Table):
     """Tachogenerator on the motor."""
 
-    gain_rad_s_per_v: PositiveFloat = Field(description="motor speed per volt, rad/s/V")
-    noise_v: NonNegative = Field(default=0.001, description="white noise, V per sample")
+    gain_rad_s_per_v: PositiveFloat = item("motor speed per volt, rad/s/V")
+    noise_v: NonNegative = item("white noise, V per sample", 0.001)
 
 
 class Encoder(Table):
     """Incremental encoder on the motor."""
 
-    counts_per_turn: PositiveInt = Field(description="counts per motor turn after quadrature, 1")
+    counts_per_turn: PositiveInt = item("counts per motor turn after quadrature, 1")
 
 
 class Servo(Table):
     """Motor with its servo amplifier: a velocity loop with limits."""
 
-    velocity_gain_rad_s_per_v: PositiveFloat = Field(
-        description="commanded motor speed per reference volt, rad/s/V"
+    velocity_gain_rad_s_per_v: PositiveFloat = item(
+        "commanded motor speed per reference volt, rad/s/V"
     )
-    bandwidth_hz: PositiveFloat = Field(description="velocity loop bandwidth, Hz")
-    max_acceleration_rad_s2: PositiveFloat = Field(
-        description="acceleration at the current limit, rad/s^2"
-    )
-    max_current_a: PositiveFloat = Field(description="amplifier current limit, A")
-    torque_constant_nm_per_a: PositiveFloat = Field(description="motor torque constant, N m/A")
+    bandwidth_hz: PositiveFloat = item("velocity loop bandwidth, Hz")
+    max_acceleration_rad_s2: PositiveFloat = item("acceleration at the current limit, rad/s^2")
+    max_current_a: PositiveFloat = item("amplifier current limit, A")
+    torque_constant_nm_per_a: PositiveFloat = item("motor torque constant, N m/A")
 
 
 class Limits(Table):
     """What a plan may ask of this bench; checked before anything moves."""
 
-    velocity_rad_s: PositiveFloat = Field(description="motor speed, rad/s")
-    reference_v: PositiveFloat = Field(description="motor reference, V")
-    torque_nm: PositiveFloat = Field(description="output torque, N m")
-    current_a: PositiveFloat = Field(description="motor current, A")
-    duration_s: PositiveFloat = Field(description="longest single run, s")
-    travel_rad: PositiveFloat | None = Field(
-        default=None,
-        description="motor angle from where a run began, either way, rad; none: endless",
+    velocity_rad_s: PositiveFloat = item("motor speed, rad/s")
+    reference_v: PositiveFloat = item("motor reference, V")
+    torque_nm: PositiveFloat = item("output torque, N m")
+    current_a: PositiveFloat = item("motor current, A")
+    duration_s: PositiveFloat = item("longest single run, s")
+    travel_rad: PositiveFloat | None = item(
+        "motor angle from where a run began, either way, rad; none: endless", None
     )
 
 
 class ReferenceWave(Table):
     """Reference generator of the free-motion run, in volts of motor reference."""
 
-    wave: Literal["constant", "sine", "square", "triangle", "trapezoid", "chirp"] = Field(
-        description="wave type"
+    wave: Literal["constant", "sine", "square", "triangle", "trapezoid", "chirp"] = item(
+        "wave type"
     )
-    bias_v: float = Field(default=0.0, description="offset, V")
-    amplitude_v: float = Field(default=0.0, description="amplitude, V")
-    frequency_hz: NonNegative = Field(
-        default=0.0, description="frequency, Hz; of a chirp at its start"
-    )
-    end_frequency_hz: NonNegative = Field(
-        default=0.0, description="frequency of a chirp at its end, Hz"
-    )
-    duty: float = Field(
-        default=0.5,
+    bias_v: float = item("offset, V", 0.0)
+    amplitude_v: float = item("amplitude, V", 0.0)
+    frequency_hz: NonNegative = item("frequency, Hz; of a chirp at its start", 0.0)
+    end_frequency_hz: NonNegative = item("frequency of a chirp at its end, Hz", 0.0)
+    duty: float = item(
+        "share of the period that is high (square), of each half wave at full amplitude "
+        "(trapezoid)",
+        0.5,
         ge=0.0,
         le=1.0,
-        description="share of the period that is high (square), of each half wave at full "
-        "amplitude (trapezoid)",
     )
-    rise: float = Field(
-        default=0.0, ge=0.0, le=1.0, description="rise of a trapezoid, share of each half wave"
-    )
-    fall: float = Field(
-        default=0.0, ge=0.0, le=1.0, description="fall of a trapezoid, share of each half wave"
-    )
+    rise: float = item("rise of a trapezoid, share of each half wave", 0.0, ge=0.0, le=1.0)
+    fall: float = item("fall of a trapezoid, share of each half wave", 0.0, ge=0.0, le=1.0)
 
-    @model_validator(mode="after")
-    def _consistent(self) -> ReferenceWave:
-        refuse(self._conflicts())
-        return self
-
-    def _conflicts(self) -> Iterator[Conflict]:
+    def conflicts(self) -> Iterator[Conflict]:
+        """Return the keys that make no wave together."""
         total = math.fsum((self.rise, self.duty, self.fall))
         if self.wave == "trapezoid" and not total <= 1.0 + _SHARE_ROUNDING:
             yield Conflict(
@@ -173,74 +145,60 @@ class ReferenceWave(Table):
 class MisalignmentPlan(Table):
     """Constant-velocity run over whole output turns, both directions."""
 
-    velocity_rad_s: PositiveFloat = Field(description="motor speed, rad/s")
-    output_turns: float = Field(ge=2.0, le=100.0, description="output turns in each direction")
-    settle_s: NonNegative = Field(default=0.5, description="time after the start left out, s")
+    velocity_rad_s: PositiveFloat = item("motor speed, rad/s")
+    output_turns: float = item("output turns in each direction", ge=2.0, le=100.0)
+    settle_s: NonNegative = item("time after the start left out, s", 0.5)
 
 
 class RipplePlan(Table):
     """Free-motion run."""
 
     reference: ReferenceWave
-    duration_s: PositiveFloat = Field(description="length of the run, s")
-    steady_tolerance: PositiveFloat = Field(
-        default=0.02, lt=0.5, description="velocity spread, share of its mean, of a steady stretch"
+    duration_s: PositiveFloat = item("length of the run, s")
+    steady_tolerance: PositiveFloat = item(
+        "velocity spread, share of its mean, of a steady stretch", 0.02, lt=0.5
     )
 
 
 class FilterSettings(Table):
     """The shared filter module on this bench."""
 
-    model: str = Field(
-        default="report-6",
-        min_length=1,
-        description="report-a1, report-a2, report-6 or a model file",
+    model: str = item("report-a1, report-a2, report-6 or a model file", "report-6", min_length=1)
+    differentiator_time_constant_s: PositiveFloat = item("time constant of s/(T s + 1), s")
+    ripple_process_noise: PositiveFloat = item("Q of the ripple blocks, (N m)^2 per sample")
+    misalignment_process_noise: PositiveFloat = item(
+        "Q of the output-order block, (N m)^2 per sample"
     )
-    differentiator_time_constant_s: PositiveFloat = Field(
-        description="time constant of s/(T s + 1), s"
-    )
-    ripple_process_noise: PositiveFloat = Field(
-        description="Q of the ripple blocks, (N m)^2 per sample"
-    )
-    misalignment_process_noise: PositiveFloat = Field(
-        description="Q of the output-order block, (N m)^2 per sample"
-    )
-    measurement_noise: PositiveFloat = Field(description="R, (N m)^2")
-    butterworth_cutoff_hz: PositiveFloat = Field(
-        default=20.0, description="low-pass for comparison, cut-off, Hz"
-    )
-    butterworth_order: int = Field(
-        default=2, ge=1, le=8, description="low-pass for comparison, order"
-    )
+    measurement_noise: PositiveFloat = item("R, (N m)^2")
+    butterworth_cutoff_hz: PositiveFloat = item("low-pass for comparison, cut-off, Hz", 20.0)
+    butterworth_order: int = item("low-pass for comparison, order", 2, ge=1, le=8)
 
 
 class HarmonicParameters(Table):
     """One ripple component: amplitude cos(order * motor angle + phase)."""
 
-    order: PositiveFloat = Field(description="cycles per motor turn")
-    amplitude_nm: NonNegative = Field(description="amplitude, N m")
-    phase_rad: float = Field(default=0.0, description="phase, rad")
+    order: PositiveFloat = item("cycles per motor turn")
+    amplitude_nm: NonNegative = item("amplitude, N m")
+    phase_rad: float = item("phase, rad", 0.0)
 
 
 class MisalignmentParameters(Table):
     """Misalignment torque: amplitude cos(output angle + phase)."""
 
-    amplitude_nm: NonNegative = Field(description="amplitude, N m")
-    phase_rad: float = Field(default=0.0, description="phase, rad")
+    amplitude_nm: NonNegative = item("amplitude, N m")
+    phase_rad: float = item("phase, rad", 0.0)
 
 
 class ModelParameters(Table):
     """Parameters of the bench model, that is of the simulation."""
 
-    zero_nm: float = Field(default=0.0, description="zero offset, N m")
-    ripple: tuple[HarmonicParameters, ...] = Field(
-        default=(), description="torque ripple components"
-    )
-    baseline_orders: tuple[PositiveFloat, ...] | None = Field(
-        default=None,
+    zero_nm: float = item("zero offset, N m", 0.0)
+    ripple: tuple[HarmonicParameters, ...] = item("torque ripple components", ())
+    baseline_orders: tuple[PositiveFloat, ...] | None = item(
+        "orders that every fit of a moving record holds beside those of `ripple`; none: 2 and 4, "
+        "those of a wave generator",
+        None,
         min_length=1,
-        description="orders that every fit of a moving record holds beside those of `ripple`; "
-        "none: 2 and 4, those of a wave generator",
     )
     misalignment: MisalignmentParameters
 
@@ -281,13 +239,13 @@ class ProfileData(Table):
     model_config = ConfigDict(defer_build=True)
 
     name: Name
-    description: str = Field(default="", description="one line for a person")
+    description: str = item("one line for a person", "")
     drive: Drive
     sensor: Sensor
     tacho: Tacho
     encoder: Encoder
     servo: Servo
-    daq: AnyAcquisition = Field(description="the DAQ; which keys it has depends on `driver`")
+    daq: AnyAcquisition = item("the DAQ; which keys it has depends on `driver`")
     limits: Limits
     arm: Arm
     standards: Standards = Standards()

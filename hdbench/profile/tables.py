@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 CONFLICT = "conflict"
@@ -14,10 +14,9 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 
 
-class Table(BaseModel):
-    """A profile table: unknown keys, NaN and infinities are errors; values never change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+def item(meaning: str, default: Any = ..., **limits: Any) -> Any:
+    """Return the field of a key: what it means, what stands for it, and its limits."""
+    return Field(default, description=meaning, **limits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +26,21 @@ class Conflict:
     key: tuple[str | int, ...]  # the key to look at, from the table or value that is checked
     what: str  # what was found and what is needed, with unit
     fix: str  # one next act
+
+
+class Table(BaseModel):
+    """A profile table: unknown keys, NaN and infinities are errors; values never change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        refuse(self.conflicts())
+        return self
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Return the keys of this table that do not go together."""
+        return ()
 
 
 def refuse(conflicts: Iterable[Conflict]) -> None:
