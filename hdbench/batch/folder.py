@@ -6,9 +6,7 @@ was killed goes on with ``--resume``. ``batch.csv`` and ``batch.parquet`` are wr
 
 from __future__ import annotations
 
-import csv
 import importlib
-import io
 import json
 import os
 import shutil
@@ -19,7 +17,7 @@ from typing import Any, BinaryIO
 
 from hdbench.batch.inputs import Input, stamps_of
 from hdbench.errors import BusyError, DataError, UsageError
-from hdbench.records.csvtext import safe_cell
+from hdbench.records.csvtext import csv_text, safe_cell
 from hdbench.records.parquetfile import require_parquet
 from hdbench.records.storage import storage_error, write_atomic
 from hdbench.system.files import lock_file
@@ -209,11 +207,8 @@ class BatchFolder:
         """
         os.fsync(self._file.fileno())
         columns = list(dict.fromkeys([*_COLUMNS, *(name for row in rows for name in row)]))
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([safe_cell(row.get(name)) for name in columns] for row in rows)
-        write_atomic(self.path / "batch.csv", text.getvalue().encode("utf-8"))
+        text = csv_text(columns, ([safe_cell(row.get(name)) for name in columns] for row in rows))
+        write_atomic(self.path / "batch.csv", text.encode("utf-8"))
         parquet = require_parquet("hdbench batch")
         pyarrow = importlib.import_module("pyarrow")
         table = pyarrow.table({name: [row.get(name) for row in rows] for name in columns})

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from hdbench.comparison.overlay import overlay
 from hdbench.comparison.score import Compared, Terms
 from hdbench.comparison.side import Side, environment_changes, load_side, profile_changes
 from hdbench.errors import DataError, UsageError
+from hdbench.records.csvtext import csv_text
 from hdbench.records.jsonfile import result_header
 from hdbench.results import CalibrationResult
 
@@ -145,27 +144,19 @@ def comparison_csv(found: Comparison) -> str:
     str
         With a header; empty cells where something is not known.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_HEAD)
+    words, rows = {True: "true", False: "false", None: None}, []
     for q in found.outcome.quantities:
         body = q.to_dict()
         a, b, d = (_cells(body[key]) for key in ("a", "b", "difference"))
-        cells = (q.name, q.unit, *a[:2], *b[:2], *d, body["expanded"], q.score, q.moved, q.decides)
-        writer.writerow("" if c is None else _cell(c) for c in cells)
-    return text.getvalue()
+        told = (body["expanded"], q.score, words[q.moved], words[q.decides])
+        rows.append((q.name, q.unit, *a[:2], *b[:2], *d, *told))
+    return csv_text(_HEAD, rows)
 
 
 def _cells(body: Any) -> tuple[Any, Any, Any]:
     if isinstance(body, dict):
         return body["value"], body["std"], body["dof"]
     return body, None, None
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 def compare_runs(

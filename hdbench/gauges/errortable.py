@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -21,6 +19,7 @@ from hdbench.gauges.misplacement import (
 )
 from hdbench.gauges.strain import PlacementErrors, off_centre
 from hdbench.records import FloatArray
+from hdbench.records.csvtext import csv_text
 
 _KINDS = ("radial", "circumferential", "angular")
 _OFF_CENTRE = "off-centre"
@@ -308,14 +307,7 @@ def table_as_csv(table: ErrorTable) -> str:
     str
         Columns case, kind, rosette, quantity, share_below, value, low, high; units as in `Effects`.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_HEAD)
-    writer.writerows(
-        tuple(repr(cell) if isinstance(cell, float) else cell for cell in row)
-        for row in _rows(table)
-    )
-    return text.getvalue()
+    return csv_text(_HEAD, _rows(table))
 
 
 def _rows(table: ErrorTable) -> Iterator[tuple[object, ...]]:

@@ -26,7 +26,7 @@ from hdbench.importing.recipe import Entry, Recipe, known_columns
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.trace import Part, joined_trace
-from hdbench.records.csvtext import quoted
+from hdbench.records.csvtext import csv_text
 from hdbench.records.loads import LOADS_COLUMNS, ArmLike, read_loads
 from hdbench.records.provenance import write_provenance
 from hdbench.records.storage import publish, staged_path, write_atomic
@@ -290,7 +290,7 @@ def _names(parts: Sequence[Part]) -> list[str]:
 def _loads_lines(parts: Sequence[Part]) -> tuple[tuple[str, ...], bytes]:
     """Join foreign readings into one loads file."""
     names = _names(parts)
-    lines = [",".join(names)]
+    lines: list[tuple[str, ...]] = []
     for part in parts:
         columns = [_cells(part, name) for name in names]
         rows = max(map(len, columns))
@@ -303,5 +303,5 @@ def _loads_lines(parts: Sequence[Part]) -> tuple[tuple[str, ...], bytes]:
                 where=str(part.source.path),
                 fix="map channels of one length and group",
             )
-        lines += [",".join(map(quoted, cells)) for cells in zip(*columns, strict=True)]
-    return tuple(names), ("\n".join(lines) + "\n").encode()
+        lines += zip(*columns, strict=True)
+    return tuple(names), csv_text(names, lines).encode()

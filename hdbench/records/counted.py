@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.csvtext import quoted
+from hdbench.records.csvtext import csv_text
 from hdbench.records.journal import JournalBlock, JournalContent, JournalReader
 from hdbench.records.loads import SEQUENCE_NAME, LoadReading, Loads
 from hdbench.records.storage import write_atomic
@@ -249,29 +249,23 @@ def _text(value: object) -> str:
 def write_sequence(folder: Path, content: JournalContent) -> Path:
     """Write ``sequence.csv``: readings, preloads, checks and mountings, in order of time."""
     superseded = iter(reading_entries(content))
-    lines = [",".join(_COLUMNS)]
+    rows: list[list[Any]] = []
+
+    def add(kind: str, entry: Mapping[str, Any], superseded: str = "") -> None:
+        cells = {**entry, "kind": kind, "superseded": superseded}
+        rows.append([cells.get(name) for name in _COLUMNS])
+
     for block in content.blocks:
         entry = block.extra
         if block.kind == "reading":
             kind = "zero" if entry.get("mass_kg") == 0.0 else "reading"
-            lines.append(_line(kind, entry, next(superseded).superseded or ""))
+            add(kind, entry, next(superseded).superseded or "")
         elif entry.get("event") == "prepared":
-            lines.append(_line(_KINDS.get(str(entry.get("role")), "reading"), entry, ""))
+            add(_KINDS.get(str(entry.get("role")), "reading"), entry)
         elif entry.get("event") == "rejected":
-            lines.append(_line("reading", entry, "rejected"))
+            add("reading", entry, "rejected")
         elif entry.get("event") == "placed":
-            lines.append(_line("remounted", entry, ""))
+            add("remounted", entry)
     path = folder / SEQUENCE_NAME
-    write_atomic(path, ("\n".join(lines) + "\n").encode())
+    write_atomic(path, csv_text(_COLUMNS, rows).encode())
     return path
-
-
-def _line(kind: str, entry: Mapping[str, Any], superseded: str) -> str:
-    cells = {**entry, "kind": kind, "superseded": superseded}
-    return ",".join(_cell(cells.get(name)) for name in _COLUMNS)
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return ""
-    return repr(value) if isinstance(value, float) else quoted(str(value))

@@ -14,7 +14,7 @@ import importlib.util
 import re
 import zlib
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -198,6 +198,14 @@ def quoted(cell: str) -> str:
     if any(mark in cell for mark in ',"\n\r'):
         return '"' + cell.replace('"', '""') + '"'
     return cell
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return a table as CSV: floats with every digit, nothing for None."""
+    lines = (
+        ",".join("" if cell is None else quoted(str(cell)) for cell in row) for row in (head, *rows)
+    )
+    return "".join(f"{line}\n" for line in lines)
 
 
 # what decimal numbers and nan are made of

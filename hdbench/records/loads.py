@@ -11,9 +11,9 @@ from typing import Any, Protocol
 from hdbench.errors import DataError
 from hdbench.records.csvtext import (
     IMPORT_FIX,
+    csv_text,
     data_error,
     parse_table,
-    quoted,
     read_header,
     read_text,
 )
@@ -300,12 +300,6 @@ def read_sequence(path: Path) -> tuple[SequenceEntry, ...]:
     return tuple(out)
 
 
-def _cell(value: object) -> str:
-    if value is None:
-        return ""
-    return repr(float(value)) if isinstance(value, float) else quoted(str(value))
-
-
 def write_loads(path: Path, loads: Loads) -> None:
     """Write loads atomically; `read_loads` gives the same readings back."""
     if not loads.readings:
@@ -314,7 +308,7 @@ def write_loads(path: Path, loads: Loads) -> None:
         name for name in _OPTIONAL if any(getattr(r, name) is not None for r in loads.readings)
     ]
     names = [name for name in LOADS_COLUMNS if name not in _OPTIONAL or name in optional]
-    lines = [",".join(map(quoted, [*names, *loads.extra_columns]))]
+    rows = []
     for index, reading in enumerate(loads.readings):
         values = [getattr(reading, name) for name in names]
         if any(isinstance(value, float) and not math.isfinite(value) for value in values):
@@ -323,9 +317,8 @@ def write_loads(path: Path, loads: Loads) -> None:
                 where=loads.source,
                 fix="take this reading again",
             )
-        extra = [cells[index] for cells in loads.extra_columns.values()]
-        lines.append(",".join([*map(_cell, values), *map(quoted, extra)]))
-    write_atomic(Path(path), ("\n".join(lines) + "\n").encode())
+        rows.append([*values, *(cells[index] for cells in loads.extra_columns.values())])
+    write_atomic(Path(path), csv_text([*names, *loads.extra_columns], rows).encode())
 
 
 def is_loads_file(path: Path) -> bool:

@@ -19,11 +19,12 @@ from scipy.stats import beta, binom
 from hdbench.batch import read_table
 from hdbench.errors import DataError, HdbenchError
 from hdbench.records import FloatArray, read_json
+from hdbench.records.csvtext import csv_text
 from hdbench.records.jsonfile import result_header
 from hdbench.report.canvas import COLOURS, new_figure
 from hdbench.report.keyfigures import KINDS, key_figures
 from hdbench.report.numbers import DASH, MINUS, short, unit_words
-from hdbench.report.page import ReportFiles, csv_text, is_page, page_files, write_page
+from hdbench.report.page import ReportFiles, is_page, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.source import typed_result
 from hdbench.report.texts import page_text
@@ -389,10 +390,8 @@ def _cells(
         for k, run in enumerate(runs):
             if math.isnan(figure.values[k]):
                 continue
-            std = repr(float(figure.stds[k])) if figure.stds[k] else ""
-            yield (kind, run.drive, str(run.path), figure.name,
-                   repr(float(figure.values[k])), std, f"{figure.scores[k]:.4g}",
-                   bool(figure.outliers[k]))  # fmt: skip
+            number, score = (figure.values[k], figure.stds[k] or None), f"{figure.scores[k]:.4g}"
+            yield kind, run.drive, run.path, figure.name, *number, score, figure.outliers[k]
 
 
 def _as_json(runs: Sequence[FleetRun], figures: Sequence[_Figure]) -> dict[str, Any]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import base64
-import csv
 import hashlib
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 
 from hdbench import __version__
 from hdbench.errors import DataError, UsageError
+from hdbench.records.csvtext import csv_text
 from hdbench.records.jsonfile import write_json
 from hdbench.records.storage import storage_error, write_atomic
 from hdbench.report.numbers import DASH, short
@@ -100,21 +99,12 @@ def refuse_foreign(files: Iterable[Path]) -> None:
             )
 
 
-def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return text.getvalue()
-
-
 def numbers_csv(named: Iterable[tuple[str, KeyNumber]]) -> str:
     """Return key numbers with their names as CSV, with every digit."""
     rows = []
     for name, n in named:
-        std, dof = ("" if x is None else repr(float(x)) for x in (n.std, n.dof))
-        rows.append((name, repr(n.value), std, dof, n.unit, n.source))
+        std, dof = (None if x is None else float(x) for x in (n.std, n.dof))
+        rows.append((name, n.value, std, dof, n.unit, n.source))
     return csv_text(_NUMBER_HEAD, rows)
 
 

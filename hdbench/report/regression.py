@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hdbench.records.csvtext import csv_text
 from hdbench.report.canvas import score_chart
 from hdbench.report.numbers import DASH, MINUS, plain, short
-from hdbench.report.page import ReportFiles, csv_text, page_files, write_page
+from hdbench.report.page import ReportFiles, page_files, write_page
 from hdbench.report.pagemodel import Column, Picture, Section, Table, Verdict
 from hdbench.report.texts import page_text
 

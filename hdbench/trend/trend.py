@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +14,7 @@ import numpy as np
 from hdbench.errors import DataError
 from hdbench.profile.scaling import measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
-from hdbench.records.csvtext import safe_cell
+from hdbench.records.csvtext import csv_text, safe_cell
 from hdbench.results import RESULT_TYPES
 from hdbench.trend.charts import EWMA_WEIGHT, Change, Chart, History, Limits, Signal, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
@@ -126,16 +124,12 @@ def trend_csv(body: Mapping[str, Any]) -> str:
     str
         Names that a spreadsheet would take for a formula start with an apostrophe.
     """
-    text = io.StringIO()
-    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n", extrasaction="ignore")
-    writer.writeheader()
-    for group in body["groups"]:
-        head = {key: safe_cell(group[key]) for key in ("name", "series", "unit")}
-        for point in group["points"]:
-            row = {**head, **point, "run": safe_cell(point["run"])}
-            row["signals"] = " ".join(point.get("signals", ()))
-            writer.writerow(row)
-    return text.getvalue()
+    rows = (
+        {**group, **point, "signals": " ".join(point.get("signals", ()))}
+        for group in body["groups"]
+        for point in group["points"]
+    )
+    return csv_text(_COLUMNS, ([safe_cell(row.get(name)) for name in _COLUMNS] for row in rows))
 
 
 def _group(run: RunSummary, by: str) -> str:

@@ -17,6 +17,7 @@ from hdbench.filter.orders import (
     smooth_channels,
 )
 from hdbench.records import Trace, result_header, write_atomic, write_trace
+from hdbench.records.csvtext import csv_text
 from hdbench.session.filters import choose_filter
 from hdbench_cli.commands.filter import (
     order_lines,
@@ -30,14 +31,14 @@ from hdbench_cli.output import Output
 
 def _write_map(path: Path, found: OrderMap) -> None:
     """Write the order map, one row per window and order."""
-    rows = ["time_s,motor_velocity_rad_s,order,amplitude_nm"]
-    for time, speed, line in zip(found.time_s, found.speed_rad_s, found.amplitude_nm, strict=True):
-        head = f"{float(time):.9g},{float(speed):.9g}"
-        rows += [
-            f"{head},{float(order):.9g},{float(amplitude):.9g}"
-            for order, amplitude in zip(found.order, line, strict=True)
-        ]
-    write_atomic(path, ("\n".join(rows) + "\n").encode())
+    windows = zip(found.time_s, found.speed_rad_s, found.amplitude_nm, strict=True)
+    rows = (
+        [f"{number:.9g}" for number in (time, speed, order, amplitude)]
+        for time, speed, line in windows
+        for order, amplitude in zip(found.order, line, strict=True)
+    )
+    head = ("time_s", "motor_velocity_rad_s", "order", "amplitude_nm")
+    write_atomic(path, csv_text(head, rows).encode())
 
 
 def orders_command(

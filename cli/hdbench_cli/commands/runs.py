@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -25,7 +23,7 @@ from hdbench.records import (
     verify_runs,
     write_atomic,
 )
-from hdbench.records.csvtext import safe_cell
+from hdbench.records.csvtext import csv_text, safe_cell
 from hdbench.records.runfolder import utc_now
 from hdbench_cli.next_step import after_run, next_line
 from hdbench_cli.output import Output
@@ -93,16 +91,12 @@ def _lines(parent: Path, runs: list[RunSummary]) -> str:
 
 def _write_csv(file: str, runs: list[RunSummary]) -> None:
 
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    for run in runs:
-        body = run.to_dict()
-        writer.writerow([safe_cell(body[name]) for name in _COLUMNS])
+    bodies = (run.to_dict() for run in runs)
+    text = csv_text(_COLUMNS, ([safe_cell(body[name]) for name in _COLUMNS] for body in bodies))
     if file == "-":
-        click.echo(text.getvalue(), nl=False)
+        click.echo(text, nl=False)
     else:
-        write_atomic(Path(file), text.getvalue().encode())
+        write_atomic(Path(file), text.encode())
 
 
 def note_command(output: Output, run: Path, text: str) -> None:

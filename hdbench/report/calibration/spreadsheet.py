@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hdbench.report.page import csv_text
+from hdbench.records.csvtext import csv_text
 from hdbench.results import CalibrationResult
 
 _HEAD = ("part", "group", "torque_nm", "name", "value", "unit")
@@ -40,19 +40,7 @@ Row = tuple[str, str, object, str, object, str]
 
 def record_csv(result: CalibrationResult) -> str:
     """Return the calibration record as text with commas."""
-    rows = (
-        (
-            part,
-            group,
-            "" if torque is None else repr(torque),
-            name,
-            repr(value) if isinstance(value, float) else value,
-            unit,
-        )
-        for part, group, torque, name, value, unit in _rows(result)
-        if value is not None
-    )
-    return csv_text(_HEAD, rows)
+    return csv_text(_HEAD, (row for row in _rows(result) if row[4] is not None))
 
 
 def _rows(result: CalibrationResult) -> Iterator[Row]:
