@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hdbench.comparison.calibration import compare_calibrations
-from hdbench.comparison.diagnosis import compare_diagnoses
-from hdbench.comparison.dynamic import Moved, compare_misalignments, compare_ripples
+from hdbench.comparison.dynamic import (
+    Moved,
+    compare_diagnoses,
+    compare_misalignments,
+    compare_ripples,
+)
 from hdbench.comparison.overlay import overlay
 from hdbench.comparison.score import Compared, Terms
 from hdbench.comparison.side import Side, environment_changes, load_side, profile_changes
