@@ -9,8 +9,6 @@ from scipy.ndimage import median_filter
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Spectrum", "spectrum_of"]
-
 # side lobes 220 dB down: a strong slow part must not hide an empty floor behind them
 _WINDOW = ("kaiser", 30)
 # bins of half the main lobe of that window: what is no wider is one slow line

@@ -23,7 +23,7 @@ from hdbench.model.definition import Cause, CauseTerm, Parameter, amplitude_phas
 from hdbench.model.modelfile import load_model, save_model
 from hdbench.model.motion import Motion, gauge_order_factor, integrate_velocity, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise
-from hdbench.model.waves import ReferenceWave, reference_voltage
+from hdbench.model.waves import reference_voltage
 
 __all__ = [
     "BenchModel",
@@ -31,7 +31,6 @@ __all__ = [
     "CauseTerm",
     "Motion",
     "Parameter",
-    "ReferenceWave",
     "amplitude_phase",
     "baseline_columns",
     "baseline_orders",

@@ -11,16 +11,6 @@ from numpy.typing import NDArray
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "MAX_PARTS",
-    "ProgramPart",
-    "ReferenceProgram",
-    "ReferenceWave",
-    "program_voltage",
-    "reference_values",
-    "reference_voltage",
-]
-
 
 def reference_voltage(wave: ReferenceWave, time_s: FloatArray, duration_s: float) -> FloatArray:
     r"""Return the generator's output at `time_s`.

@@ -19,38 +19,11 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from hdbench.profile.acquiring_modbus import ModbusAcquisition
-from hdbench.profile.acquiring_table import (
-    BROKEN,
-    ROLES,
-    Acquisition,
-    NodeAcquisition,
-    OutputChannel,
-    Role,
-    SerialLine,
-    TlsFiles,
-    find,
-    installed,
-)
+from hdbench.profile.acquiring_table import BROKEN, ROLES, Role, find, installed
+from hdbench.profile.acquiring_table import Acquisition as Acquisition
+from hdbench.profile.acquiring_table import NodeAcquisition as NodeAcquisition
+from hdbench.profile.acquiring_table import OutputChannel as OutputChannel
 from hdbench.profile.tables import Conflict, item, refuse
-
-__all__ = [
-    "ROLES",
-    "Acquisition",
-    "AnyAcquisition",
-    "ByDriver",
-    "CompositeAcquisition",
-    "ModbusAcquisition",
-    "NodeAcquisition",
-    "OutputChannel",
-    "PluginAcquisition",
-    "Role",
-    "SerialLine",
-    "TlsFiles",
-    "driver_table",
-    "load_table",
-    "table_of",
-]
 
 _TAG = "driver:"
 _DEFAULT = "node"

@@ -8,7 +8,6 @@ from hdbench.errors import UsageError
 from hdbench.model import (
     BenchModel,
     CauseTerm,
-    ReferenceWave,
     catalogue,
     save_model,
     simulate_like,
@@ -16,6 +15,7 @@ from hdbench.model import (
     with_noise,
 )
 from hdbench.profile import ProfileData
+from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import Trace
 from hdbench.records.tracefile import read_trace, write_trace
 

@@ -9,8 +9,7 @@ from browser import browser, browser_program
 
 from hdbench.model import CauseTerm, cause_parameters
 from hdbench.report import write_report
-from hdbench.report.diagnosis.section import verdict
-from hdbench.report.diagnosis.section import tables
+from hdbench.report.diagnosis.section import tables, verdict
 from hdbench.results import DiagnosisResult
 
 needs_browser = pytest.mark.skipif(browser_program() is None, reason="no Chromium on this machine")

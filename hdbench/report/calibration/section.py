@@ -6,13 +6,11 @@ from dataclasses import replace
 
 from hdbench.records import Loads
 from hdbench.report.calibration.figures import range_pictures, record_pictures
-from hdbench.report.calibration.tables import record_tables as tables
+from hdbench.report.calibration.tables import tables as tables
 from hdbench.report.numbers import with_std
 from hdbench.report.pagemodel import KeyNumber, Picture, Verdict
 from hdbench.report.source import Source
 from hdbench.results import CalibrationResult
-
-__all__ = ["data_pictures", "numbers", "pictures", "tables", "verdict"]
 
 
 def verdict(result: CalibrationResult) -> Verdict:

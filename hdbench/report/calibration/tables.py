@@ -58,7 +58,7 @@ _ITEM = {
 }
 
 
-def record_tables(result: CalibrationResult) -> tuple[Table, ...]:
+def tables(result: CalibrationResult) -> tuple[Table, ...]:
     """List everything that a calibration record holds."""
     made: list[Table] = []
     if result.identity and result.standards and result.torque:

@@ -32,8 +32,6 @@ from hdbench.results.diagnosis import (
     Voice,
 )
 
-__all__ = ["numbers", "pictures", "tables", "verdict"]
-
 _VERDICTS: dict[str, tuple[Level, str]] = {
     "nothing-found": ("good", "Nothing found: the simulation explains the measurement."),
     "named": ("look", "The simulation misses something that can be named"),
