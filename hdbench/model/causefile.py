@@ -22,8 +22,8 @@ from hdbench.model.declared import (
     cause_of,
 )
 from hdbench.model.definition import Cause
-from hdbench.profile.loader import key_text, problem
-from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
+from hdbench.profile.loader import key_text, problem, said_elsewhere
+from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text, tuples
 
 _HELP = "docs/causes.md lists keys, units and domains"
 _SPECS: Mapping[str, type[BaseModel]] = {
@@ -55,12 +55,12 @@ def load_causes(path: Path) -> tuple[Cause, ...]:
         line.
     """
     text = toml_text(path, "name a TOML file of causes")
-    raw = _tuples(read_toml(text, str(path)))
+    raw = tuples(read_toml(text, str(path)))
     lines = key_lines(text)
     try:
         specs = CauseFile.model_validate(raw).cause
     except ValidationError as error:
-        entries = [e for e in error.errors(include_url=False) if not _said_elsewhere(e)]
+        entries = [e for e in error.errors(include_url=False) if not said_elsewhere(e)]
         found = [_entry(str(path), lines, entry) for entry in entries]
         raise _all_problems(str(path), found) from None
     found = list(_taken(str(path), lines, specs))
@@ -75,7 +75,7 @@ def declared_cause(definition: Mapping[str, Any], *, where: str) -> Cause:
     """Return the cause of a declaration that a model file holds."""
     adapter: TypeAdapter[Spec] = TypeAdapter(Declaration)
     try:
-        return cause_of(adapter.validate_python(_tuples(dict(definition))))
+        return cause_of(adapter.validate_python(tuples(dict(definition))))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = key_text(_key(first))
@@ -84,20 +84,6 @@ def declared_cause(definition: Mapping[str, Any], *, where: str) -> Cause:
             where=where,
             fix=f"correct the declaration ({_HELP})",
         ) from None
-
-
-def _tuples(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _tuples(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return tuple(_tuples(item) for item in value)
-    # a whole number stands for itself in TOML and JSON: 2 is 2.0
-    return value
-
-
-def _said_elsewhere(error: Mapping[str, Any]) -> bool:
-    """Return whether a list counts as short only because entries that are wrong do not count."""
-    return error["type"] == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"])
 
 
 def _key(error: Mapping[str, Any]) -> Key:

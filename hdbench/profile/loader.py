@@ -20,7 +20,7 @@ from hdbench.errors import ProfileError
 from hdbench.profile.acquiring import Acquisition, NodeAcquisition, driver_table
 from hdbench.profile.schema import ProfileData
 from hdbench.profile.tables import CONFLICT, Conflict
-from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
+from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text, tuples
 
 _TYPES = {
     "float_type": "a number",
@@ -142,6 +142,11 @@ def _needed(error: Mapping[str, Any]) -> str:
     return str(error["msg"])
 
 
+def said_elsewhere(error: Mapping[str, Any]) -> bool:
+    """Return whether a list counts as short only because entries that are wrong do not count."""
+    return error["type"] == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"])
+
+
 def schema_problems(
     path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
 ) -> list[ProfileError]:
@@ -153,8 +158,7 @@ def schema_problems(
     if kind == CONFLICT:
         found: list[Conflict] = error["ctx"]["conflicts"]
         return [problem(path, lines, (*key, *c.key), c.what, c.fix) for c in found]
-    if kind == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"]):
-        # entries that are wrong themselves are not counted; each of them is named
+    if said_elsewhere(error):
         return []
     fix = f"correct the value of {key_text(key)}"
     if kind == "extra_forbidden":
@@ -284,21 +288,13 @@ def check_profiles(names: Sequence[str]) -> tuple[Profile, ...]:
     return tuple(profiles)
 
 
-def _tuples(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _tuples(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return tuple(_tuples(item) for item in value)
-    return value
-
-
 def profile_from_json(text: str) -> ProfileData:
     """Return the profile that another process has written as JSON.
 
     JSON has lists where a profile has tuples, and a table that fills in keys before it is checked
     (a composite) is then checked strictly.
     """
-    return ProfileData.model_validate(_tuples(json.loads(text)))
+    return ProfileData.model_validate(tuples(json.loads(text)))
 
 
 def parse_profile(text: str, path: str) -> Profile:
@@ -321,7 +317,7 @@ def parse_profile(text: str, path: str) -> Profile:
         If anything is wrong. ``problems`` holds every problem at once, in the order of the lines,
         each with file and line, key, what was found and what is needed with its unit.
     """
-    data = _checked(_tuples(read_toml(text, path)), path, text)
+    data = _checked(tuples(read_toml(text, path)), path, text)
     digest = hashlib.sha256(text.encode()).hexdigest()
     return Profile(data, text, digest, path, data.identity.drive_serial)
 

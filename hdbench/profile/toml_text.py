@@ -68,6 +68,15 @@ def read_toml(text: str, path: str) -> dict[str, Any]:
         raise _syntax_error(str(error), text, path) from error
 
 
+def tuples(value: Any) -> Any:
+    """Return what TOML or JSON holds with tuples in place of lists, as frozen models hold them."""
+    if isinstance(value, dict):
+        return {name: tuples(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return tuple(tuples(item) for item in value)
+    return value
+
+
 def _syntax_error(message: str, text: str, path: str) -> ProfileError:
     place = _PLACE.search(message)
     if place is None:
