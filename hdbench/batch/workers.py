@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -89,17 +90,15 @@ class Outcome:
     lost: bool = False
 
 
-def require_distributed(where: str) -> ModuleType:
-    """Return dask's library, or name the extra that brings it."""
-    try:
-        import distributed
-    except ImportError as error:
+def require_batch() -> None:
+    """Name the extra that brings what a batch needs where that is not installed."""
+    missing = [name for name in ("distributed", "pyarrow") if find_spec(name) is None]
+    if missing:
         raise UsageError(
-            "dask.distributed is not installed; needed to run over many inputs",
-            where=where,
+            f"not installed: {', '.join(missing)}; needed to run over many inputs",
+            where="hdbench batch",
             fix="pip install 'hdbench[batch]'",
-        ) from error
-    return distributed
+        )
 
 
 def run_tasks(
@@ -135,8 +134,9 @@ def run_tasks(
     -----
     Closing the generator, Ctrl-C too, stops a local cluster with what it is doing.
     """
-    distributed = require_distributed("hdbench batch")
+    require_batch()
     import dask
+    import distributed
 
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(_CONFIG))

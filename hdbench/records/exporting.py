@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import json
 import re
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from hdbench.errors import DataError, UsageError
 from hdbench.records.jsonfile import read_json
 from hdbench.records.loads import ArmLike, Loads, is_loads_file, read_loads
+from hdbench.records.parquetfile import library
 from hdbench.records.provenance import input_identity
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RUN_SCHEMA
@@ -152,14 +152,7 @@ def export_records(content: Content, folder: Path, kind: str) -> Path:
 
 
 def _library(name: str, extra: str) -> ModuleType:
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise UsageError(
-            f"{name.partition('.')[0]} is not installed; needed to write {extra}",
-            where=f"--format {extra}",
-            fix=f"pip install 'hdbench[{extra}]'",
-        ) from error
+    return library(name, extra, f"--format {extra}", f"to write {extra}")
 
 
 def _is_words(channel: Channel) -> bool:

@@ -17,24 +17,29 @@ _LIMIT_CELLS = 100_000_000
 _EXPORT_FIX = "export it again: hdbench export RUN --format parquet"
 
 
-def require_parquet(where: str) -> ModuleType:
-    """Return the library that reads and writes Parquet."""
+def library(name: str, extra: str, where: str, use: str) -> ModuleType:
+    """Return a library that only some uses need, or name the extra that brings it."""
     try:
-        return importlib.import_module("pyarrow.parquet")
+        return importlib.import_module(name)
     except ImportError as error:
         raise UsageError(
-            "pyarrow is not installed; needed for Parquet files",
+            f"{name.partition('.')[0]} is not installed; needed {use}",
             where=where,
-            fix="pip install 'hdbench[parquet]'",
+            fix=f"pip install 'hdbench[{extra}]'",
         ) from error
 
 
+def require_parquet(where: str) -> ModuleType:
+    """Return the library that reads and writes Parquet."""
+    return library("pyarrow.parquet", "parquet", where, "for Parquet files")
+
+
 def _opened(path: Path) -> object:
-    library = require_parquet(str(path))
+    parquet = require_parquet(str(path))
     if not path.is_file():
         raise DataError("no such trace file", where=str(path), fix="check the path")
     try:
-        return library.ParquetFile(path)
+        return parquet.ParquetFile(path)
     except (OSError, ValueError) as error:
         raise DataError(f"no Parquet file: {error}", where=str(path), fix=_EXPORT_FIX) from error
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,11 @@ from hdbench.batch import (
     stamps_of,
     summary_of,
 )
-from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, Stopped, UsageError
+from hdbench.batch.workers import require_batch
+from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, Stopped
 from hdbench.system.processes import usable_cores
 from hdbench_cli.commands.batch_options import Asked, Job
-from hdbench_cli.commands.batch_task import COMMANDS, run_one
+from hdbench_cli.commands.batch_task import COMMANDS, empty_row, run_one
 from hdbench_cli.live.progress import progress_bar
 from hdbench_cli.options import newest_run
 from hdbench_cli.output import Output
@@ -49,7 +49,7 @@ def batch_command(
 ) -> None:
     """Run COMMAND over many inputs: one result each as the command writes it, and one table."""
     ctx = click.get_current_context()
-    _require()
+    require_batch()  # before anything is made
     kind = COMMANDS[name]
     named = tuple(str(newest_run(word) or word) for word in inputs)
     entries = expand_inputs(named, kinds=kind.kinds, any_file=kind.any_file, whole=kind.whole)
@@ -68,17 +68,6 @@ def batch_command(
             raise
         batch.write()
     _tell(output, batch, out)
-
-
-def _require() -> None:
-    """Name the extra before anything is made."""
-    missing = [name for name in ("distributed", "pyarrow") if find_spec(name) is None]
-    if missing:
-        raise UsageError(
-            f"not installed: {', '.join(missing)}; needed to run over many inputs",
-            where="hdbench batch",
-            fix="pip install 'hdbench[batch]'",
-        )
 
 
 class _Run:
@@ -180,17 +169,11 @@ def _progress(count: int, total: int, rate: float, failed: int) -> str:
 def _lost(task: Mapping[str, Any], deaths: int) -> dict[str, Any]:
     """Return the row of an input whose worker died again and again."""
     times = "once" if deaths == 1 else f"{deaths} times"
-    row = {
-        "input": task["input"],
-        "sha256": None,
-        "exit_code": 1,
-        "error": f"{task['path']}: the worker died {times} on this input: it was killed, or held "
-        "more than its --memory (fix: try it alone, with more --memory or fewer --workers)",
-        "result": None,
-        "verdict": None,
-        "drive": task["drive"] or None,
-    }
-    return {"row": row, "stamps": None}
+    error = (
+        f"{task['path']}: the worker died {times} on this input: it was killed, or held "
+        "more than its --memory (fix: try it alone, with more --memory or fewer --workers)"
+    )
+    return {"row": {**empty_row(task), "exit_code": 1, "error": error}, "stamps": None}
 
 
 def _stopped(

@@ -79,12 +79,9 @@ class _Kept(Output):
         self.failure = error
 
 
-def run_one(task: Mapping[str, Any]) -> dict[str, Any]:
-    """Run the command of a batch on one input."""
-    from hdbench.batch import content_of
-
-    path, begin = Path(task["path"]), time.perf_counter()
-    row: dict[str, Any] = {
+def empty_row(task: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the row of an input before anything is known of it."""
+    return {
         "input": task["input"],
         "sha256": None,
         "exit_code": 0,
@@ -93,6 +90,14 @@ def run_one(task: Mapping[str, Any]) -> dict[str, Any]:
         "verdict": None,
         "drive": task["drive"] or None,
     }
+
+
+def run_one(task: Mapping[str, Any]) -> dict[str, Any]:
+    """Run the command of a batch on one input."""
+    from hdbench.batch import content_of
+
+    path, begin = Path(task["path"]), time.perf_counter()
+    row = empty_row(task)
     try:
         content = content_of(path)
     except HdbenchError as error:
