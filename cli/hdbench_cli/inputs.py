@@ -10,7 +10,7 @@ from typing import Any
 
 from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.filter import FilterModel
-from hdbench.profile import Profile, load_profile, parse_profile
+from hdbench.profile import Profile, load_profile, stored_profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
     Quantity,
@@ -32,11 +32,8 @@ def choose_profile(name: str | None, source: Path | None, drive: str | None = No
     manifest: dict[str, Any] = {}
     if source is not None and (source / "run.json").is_file():
         manifest = read_json(source / "run.json", None)
-    stored = manifest.get("profile")
-    if name is None and isinstance(stored, dict) and isinstance(stored.get("text"), str):
-        profile = parse_profile(stored["text"], f"{source}/run.json: profile")
-    else:
-        profile = load_profile(name or DEFAULT_PROFILE)
+    own = stored_profile(manifest, source) if source is not None and name is None else None
+    profile = own or load_profile(name or DEFAULT_PROFILE)
     known = manifest.get("drive")
     named = drive or (known if isinstance(known, str) else "") or profile.drive
     return replace(profile, drive=named)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
-from hdbench.profile import Profile, parse_profile
+from hdbench.profile import Profile, stored_profile
 from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
 from hdbench.records.loads import read_loads
@@ -102,14 +102,7 @@ def load_side(path: Path) -> Side:
     if file.name == "result.json" and (file.parent / "run.json").is_file():
         manifest = RunFolder.open(file.parent).manifest
     run_id = file.parent.name if manifest else file.name
-    return Side(path, kind, run_id, body, result, manifest, _profile(manifest, file))
-
-
-def _profile(manifest: Mapping[str, Any], file: Path) -> Profile | None:
-    text = manifest.get("profile", {}).get("text") if manifest else None
-    if not isinstance(text, str):
-        return None
-    return parse_profile(text, f"{file.parent / 'run.json'}: profile")
+    return Side(path, kind, run_id, body, result, manifest, stored_profile(manifest, file.parent))
 
 
 def _differences(a: Mapping[str, Leaf], b: Mapping[str, Leaf]) -> list[dict[str, Leaf]]:

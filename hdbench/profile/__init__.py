@@ -11,6 +11,7 @@ from hdbench.profile.loader import (
     new_profile,
     parse_profile,
     profile_schema,
+    stored_profile,
 )
 from hdbench.profile.schema import ProfileData
 
@@ -24,4 +25,5 @@ __all__ = [
     "new_profile",
     "parse_profile",
     "profile_schema",
+    "stored_profile",
 ]

@@ -322,6 +322,31 @@ def parse_profile(text: str, path: str) -> Profile:
     return Profile(data, text, digest, path, data.identity.drive_serial)
 
 
+def stored_profile(manifest: Mapping[str, Any], run: Path) -> Profile | None:
+    """Return the profile that a run was made with.
+
+    Parameters
+    ----------
+    manifest : mapping
+        Content of its ``run.json``.
+    run : Path
+        Its folder, for messages.
+
+    Returns
+    -------
+    Profile or None
+        None where the run holds none.
+
+    Raises
+    ------
+    ProfileError
+        If the profile is invalid.
+    """
+    stored = manifest.get("profile")
+    text = stored.get("text") if isinstance(stored, Mapping) else None
+    return parse_profile(text, f"{run / 'run.json'}: profile") if isinstance(text, str) else None
+
+
 def _checked(body: dict[str, Any], path: str, text: str = "") -> ProfileData:
     """Return a profile, or raise all that is wrong with it."""
     try:

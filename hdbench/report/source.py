@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError, nothing_stored
-from hdbench.profile import Profile, parse_profile
+from hdbench.profile import Profile, stored_profile
 from hdbench.records import Loads, Trace
 from hdbench.records.jsonfile import read_json
 from hdbench.records.loads import is_loads_file, read_loads
@@ -94,9 +94,7 @@ def _from_folder(path: Path, profile: Profile | None) -> Source:
             where=f"{path / 'run.json'}: kind",
             fix="name a run of an experiment or a diagnosis",
         )
-    text = run.manifest["profile"].get("text")
-    if isinstance(text, str):
-        profile = parse_profile(text, f"{run.path / 'run.json'}: profile")
+    profile = stored_profile(run.manifest, run.path) or profile
     doubts = list(_run_doubts(run))
     stored: Mapping[str, Any] = {}
     if run.result.is_file():
