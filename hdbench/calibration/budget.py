@@ -22,7 +22,7 @@ from hdbench.results.calibration import (
 )
 
 # number of trials that fixes the ends of a 95 % interval to two digits of the uncertainty
-DRAWS = 1_000_000
+_DRAWS = 1_000_000
 # standard uncertainties of an end within which chance differs in 1 of 400 cases
 _SIGMAS = 3.0
 # the density about an end is that of this share of the trials to either side
@@ -179,12 +179,7 @@ def expanded_naive(gains: Sequence[float]) -> ExpandedUncertainty | None:
 
 
 def propagate(
-    value: float,
-    rows: Sequence[BudgetRow],
-    formula: tuple[float, float],
-    *,
-    seed: int = 0,
-    draws: int = DRAWS,
+    value: float, rows: Sequence[BudgetRow], formula: tuple[float, float], *, seed: int
 ) -> MonteCarlo | None:
     """Draw the gain.
 
@@ -201,18 +196,18 @@ def propagate(
     if not sized or value == 0.0:
         return None
     generator = np.random.default_rng(seed)
-    parts = [min(_BLOCK, draws - done) for done in range(0, draws, _BLOCK)]
+    parts = [min(_BLOCK, _DRAWS - done) for done in range(0, _DRAWS, _BLOCK)]
     trials = np.sort(value * np.concatenate([1.0 + _block(generator, sized, n) for n in parts]))
-    keep = round(0.95 * draws)
-    low = (draws - keep) // 2
+    keep = round(0.95 * _DRAWS)
+    low = (_DRAWS - keep) // 2
     equal = (float(trials[low]), float(trials[low + keep - 1]))
-    narrow = int(np.argmin(trials[keep - 1 :] - trials[: draws - keep + 1]))
+    narrow = int(np.argmin(trials[keep - 1 :] - trials[: _DRAWS - keep + 1]))
     std, expanded = formula
     digit = 0.5 * 10.0 ** (math.floor(math.log10(std)) - 1)
     tolerance = max(digit, _SIGMAS * max(_end_std(trials, end) for end in (low, low + keep - 1)))
     ends = (value - expanded, value + expanded)
     return MonteCarlo(
-        draws=draws,
+        draws=_DRAWS,
         seed=seed,
         mean_nm_per_v=float(trials.mean()),
         std_nm_per_v=float(trials.std(ddof=1)),

@@ -195,21 +195,14 @@ def _nearest(parameter: Parameter, value: float) -> list[tuple[float, float]]:
     return sorted(sorted(bands, key=lambda band: min(abs(value - end) for end in band))[:2])
 
 
-def cause_parameters(
-    term: CauseTerm,
-    covariance: FloatArray | None = None,
-    *,
-    extra: Sequence[Cause] = (),
-) -> ParameterTable:
+def cause_parameters(term: CauseTerm, *, extra: Sequence[Cause] = ()) -> ParameterTable:
     """Return every parameter of a term with its uncertainty and unit.
 
     Parameters
     ----------
     term : CauseTerm
-        A cause with numbers.
-    covariance : ndarray, shape (n, n), or None
-        Covariance of the linear, then the shape parameters (or of the linear ones alone); the
-        term's own where None.
+        A cause with numbers; its covariance is that of the linear, then the shape parameters, or
+        of the linear ones alone.
     extra : sequence of Cause
         Further causes, such as a user's own.
 
@@ -224,10 +217,10 @@ def cause_parameters(
     DataError
         If the numbers do not fit the cause.
     ValueError
-        If `covariance` has another shape.
+        If the covariance has another shape.
     """
     cause = check_term(term, extra=extra)
-    matrix = _matrix(covariance if covariance is not None else term.covariance, cause)
+    matrix = _matrix(term, cause)
     table: ParameterTable = {}
     names = [parameter.name for parameter in cause.linear]
     for pair in quadratures(cause):
@@ -246,13 +239,11 @@ def cause_parameters(
     return table
 
 
-def _matrix(
-    covariance: FloatArray | Sequence[Sequence[float]] | None, cause: Cause
-) -> FloatArray | None:
+def _matrix(term: CauseTerm, cause: Cause) -> FloatArray | None:
     """Return the covariance as an array after checking its shape."""
-    if covariance is None:
+    if term.covariance is None:
         return None
-    matrix = np.asarray(covariance, dtype=np.float64)
+    matrix = np.asarray(term.covariance, dtype=np.float64)
     n, m = len(cause.linear), len(cause.linear) + len(cause.shape)
     if matrix.shape not in ((n, n), (m, m)):
         raise ValueError(
