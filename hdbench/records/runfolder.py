@@ -34,6 +34,15 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
+def moment_of(text: str | None) -> datetime | None:
+    """Return a stored moment, UTC where it names no zone; None for any other text."""
+    try:
+        moment = datetime.fromisoformat(text or "")
+    except ValueError:
+        return None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
 def _random_token() -> str:
     """Return six random hexadecimal digits."""
     return secrets.token_hex(3)

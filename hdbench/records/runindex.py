@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
-from hdbench.records.runfolder import RunFolder
+from hdbench.records.runfolder import RunFolder, moment_of
 
 INDEX_NAME = ".runs-index.sqlite"
 # raise it when RunSummary or how it is read changes: an index of another layout is made anew
@@ -242,8 +242,4 @@ def select_runs(
 
 def _started(run: RunSummary) -> datetime:
     """Return the start of a run; the beginning of time where it cannot be read."""
-    try:
-        moment = datetime.fromisoformat(run.started_utc)
-    except ValueError:
-        return datetime.min.replace(tzinfo=UTC)
-    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return moment_of(run.started_utc) or datetime.min.replace(tzinfo=UTC)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import TypeVar
 
 from hdbench.errors import DataError
 from hdbench.profile.scaling import calibration_time
 from hdbench.records import RunSummary, read_json
+from hdbench.records.runfolder import moment_of
 from hdbench.results import CalibrationResult, Part, RippleResult
 
 _T = TypeVar("_T", bound=Part)
@@ -42,10 +43,9 @@ def remarks(
 def _due(run: RunSummary, name: str, now: datetime) -> list[str]:
     text, measured = calibration_time(run.path)
     days = _result(run, CalibrationResult).validity_days
-    if text is None or days is None:
+    moment = moment_of(text)
+    if moment is None or days is None:
         return []
-    moment = datetime.fromisoformat(text)
-    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     due = moment + timedelta(days=days)
     if now < due:
         return []

@@ -15,6 +15,7 @@ from hdbench.errors import DataError
 from hdbench.profile.scaling import measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
 from hdbench.records.csvtext import csv_text, safe_cell
+from hdbench.records.runfolder import moment_of
 from hdbench.results import RESULT_TYPES
 from hdbench.trend.charts import EWMA_WEIGHT, Change, Chart, History, Limits, Signal, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
@@ -190,18 +191,10 @@ def _measured(run: RunSummary, manifest: Mapping[str, Any]) -> tuple[datetime, b
         )
     text = measured_utc(path)
     for known, candidate in ((True, text), (False, run.started_utc)):
-        moment = _moment(candidate)
+        moment = moment_of(candidate)
         if moment is not None:
             return moment, known
     raise DataError("no time of measurement in run.json", where=str(path), fix="restore it")
-
-
-def _moment(text: str | None) -> datetime | None:
-    try:
-        moment = datetime.fromisoformat(text or "")
-    except ValueError:
-        return None
-    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
 def _readings(run: _Run, reader: Any) -> list[Reading]:
@@ -217,7 +210,7 @@ def _utc(moment: datetime) -> str:
 
 def _marks(runs: Sequence[RunSummary]) -> list[dict[str, str]]:
     """Return what people noted on the runs of a group, by the start of the run."""
-    dated = [(moment, run) for run in runs if (moment := _moment(run.started_utc)) is not None]
+    dated = [(moment, run) for run in runs if (moment := moment_of(run.started_utc)) is not None]
     return [
         {"run": run.path.name, "time_utc": _utc(moment), "text": note.text}
         for moment, run in sorted(dated, key=lambda pair: pair[0])
