@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -34,18 +34,7 @@ _HASH = 12
 _EXPERIMENTS = ("calibration", "misalignment", "ripple")
 # options that choose runs by their properties
 _FILTERS = ("kind", "profile", "status", "verdict", "drive", "sensor")
-_COLUMNS = (
-    "run_id",
-    "path",
-    "kind",
-    "status",
-    "started_utc",
-    "profile",
-    "drive",
-    "sensor",
-    "verdict",
-    "exit_reason",
-)
+_COLUMNS = ("run_id", *(entry.name for entry in fields(RunSummary) if entry.name != "files"))
 
 
 def chosen_runs(parent: Path, options: dict[str, Any]) -> list[RunSummary]:

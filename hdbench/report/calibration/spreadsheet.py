@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import fields
 
 from hdbench.records.csvtext import csv_text
 from hdbench.results import CalibrationResult
+from hdbench.results.calibration import LoadStep
 
 _HEAD = ("part", "group", "torque_nm", "name", "value", "unit")
 # keys with their units
@@ -16,17 +18,7 @@ _LINE = {
     "intercept_nm": "N m",
     "residual_rms_nm": "N m",
 }
-_STEP = (
-    "deflection_v",
-    "deflection_up_down_v",
-    "fitted_v",
-    "repeatability_v",
-    "reproducibility_v",
-    "range_v",
-    "reversibility_v",
-    "deviation_linear_v",
-    "deviation_cubic_v",
-)
+_STEP = tuple(entry.name for entry in fields(LoadStep) if entry.name.endswith("_v"))
 _CASE = {
     "relative_std": "1",
     "dof": "1",
