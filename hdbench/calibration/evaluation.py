@@ -334,17 +334,10 @@ def _declared(bench: ProfileData | None) -> dict[str, Any]:
     """Return what the profile declares: standards, identity, arm, validity."""
     if bench is None:
         return {}
-    sensor, drive = bench.sensor, bench.drive
+    item = {**dict(bench.sensor), **dict(bench.drive), **dict(bench.identity)}
     return {
         "standards": StandardsRecord.from_json(bench.standards.model_dump(), "standards"),
-        "identity": IdentityRecord(
-            **bench.identity.model_dump(),
-            excitation_v=sensor.excitation_v,
-            amplifier_gain=sensor.amplifier_gain,
-            gauge_factor=sensor.gauge_factor,
-            gear_ratio=drive.gear_ratio,
-            rated_torque_nm=drive.rated_torque_nm,
-        ),
+        "identity": IdentityRecord.from_json(item, "identity"),
         "arm": ArmRecord(**bench.arm.model_dump()),
         "validity_days": bench.calibration.validity_days,
         "average_s": bench.calibration.average_s,

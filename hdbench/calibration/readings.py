@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
@@ -64,23 +64,8 @@ class TakenReading:
 
     def record(self) -> ReadingRecord:
         """Return the reading as results hold it."""
-        reading, detail = self.reading, self.detail
-        return ReadingRecord(
-            experiment=reading.experiment,
-            series=reading.series,
-            kind=detail.kind,
-            torque_nm=reading.torque_nm,
-            mass_kg=reading.mass_kg,
-            reading_v=reading.reading_v,
-            reading_std_v=reading.reading_std_v,
-            n_samples=reading.n_samples,
-            time_s=reading.time_s,
-            temperature_c=reading.temperature_c,
-            settle_s=detail.settle_s,
-            slope_v_s=detail.slope_v_s,
-            flags=detail.flags,
-            excluded_at_s=detail.excluded_at_s,
-        )
+        known = {**asdict(self.reading), **self.detail.to_json()}
+        return ReadingRecord.from_json(known, f"reading {self.index + 1}")
 
 
 def taken_readings(loads: Loads) -> tuple[TakenReading, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -477,16 +477,10 @@ def _at(values: FloatArray | None, k: int) -> float | None:
 
 
 def _series(series: LoadSeries) -> GroupSeries:
-    return GroupSeries(
-        id=series.id,
-        position_rad=series.position_rad,
-        position=series.position,
-        repeat=series.repeat,
-        up_v=tuple(_known(float(v)) for v in series.up_v),
-        down_v=tuple(_known(float(v)) for v in series.down_v),
-        zero_before_v=series.zero_before_v,
-        zero_after_v=series.zero_after_v,
-    )
+    volts = {
+        name: tuple(_known(float(v)) for v in getattr(series, name)) for name in ("up_v", "down_v")
+    }
+    return GroupSeries.from_json({**asdict(series), **volts}, f"series {series.id}")
 
 
 def _known(value: float | None, *, over: float = 1.0) -> float | None:
