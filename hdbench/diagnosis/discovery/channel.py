@@ -10,6 +10,7 @@ import numpy as np
 
 from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
+from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.term import Term
@@ -50,7 +51,10 @@ LOW_PASS_PRICE = 7.5
 DELAY = "time-skew"
 # two channels of one log are seldom further apart than this, s; within it, delays from which the
 # likelihood is followed: the first ripple that a delay turns by a whole turn is farther away
-_LARGEST_S, _STARTS_S = 0.02, (-0.01, -0.003, 0.003, 0.01)
+_LARGEST_S, _STARTS_S = 0.02, (-0.003, 0.003)
+# an octave may speak against a delay by so many nats by chance, and all together by this share of
+# what speaks for it, as no form is exact
+_BY_CHANCE, _AGAINST = 2.0, 0.1
 # a delay is followed where the parabola about the best start promises to gain more than this
 _WORTH_NATS = 2.0
 
@@ -174,7 +178,7 @@ class Delay:
     fit : Fit
         The fit at that delay.
     gain_nats : float
-        Log likelihood that it gains over none.
+        Log likelihood that it gains over none, less where the noise is loud that it explains.
     std_s : float
         Standard deviation of the delay, s.
     """
@@ -203,13 +207,12 @@ def best_delay(fit: Fit) -> Delay:
     """Return the likeliest delay, the causes of a fit as they are."""
     from scipy.optimize import minimize_scalar
 
-    known: dict[float, Fit] = {}
+    @cache
+    def at(late_s: float) -> float:
+        return -fit.likelihood_of(late_s)
 
     def loss(late_s: float) -> float:
-        at = float(np.clip(late_s, -_LARGEST_S, _LARGEST_S))
-        if at not in known:
-            known[at] = fit.retimed(at)
-        return -known[at].likelihood
+        return at(float(np.clip(late_s, -_LARGEST_S, _LARGEST_S)))
 
     here, step = fit.record.late_s, 0.5 * fit.record.period_s
     every = [0.0, here, *_STARTS_S]
@@ -223,7 +226,22 @@ def best_delay(fit: Fit) -> Delay:
         slope, curve = _parabola(loss, best, step)
     best = float(np.clip(best, -_LARGEST_S, _LARGEST_S))
     std = 1.0 / np.sqrt(max(curve, 1.0 / _LARGEST_S**2))
-    return Delay(known[best], known[best].likelihood - known[0.0].likelihood, float(std))
+    late, gain = fit.retimed(best), loss(0.0) - loss(best)
+    if gain > 0.0:
+        none = fit.retimed(0.0)
+        gain *= _of_all_octaves(none, late)
+        torque = none.residual - late.residual
+        gain /= loudness(fit.bands, torque, late.residual, late.spectrum.power)
+    return Delay(late, gain, float(std))
+
+
+def _of_all_octaves(none: Fit, late: Fit) -> bool:
+    """Return whether no octave speaks against a delay: it is the same for all frequencies."""
+    bands, power = late.bands, late.spectrum.power
+    saved = 0.5 * (bands.power(none.residual) - bands.power(late.residual)) / power
+    octave = np.log2(np.maximum(bands.frequency_hz / bands.frequency_hz[1], 1.0)).astype(int)
+    nats = np.bincount(octave, saved)
+    return float(-nats[nats < -_BY_CHANCE].sum()) < _AGAINST * float(nats[nats > 0.0].sum())
 
 
 def _parabola(loss: Callable[[float], float], at: float, step: float) -> tuple[float, float]:

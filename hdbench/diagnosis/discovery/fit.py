@@ -399,33 +399,57 @@ class Fit:
         view.take(solve(view.moments(), view.shapes, view.spectrum, rounds=0))
         return view
 
-    def retimed(self, late_s: float, rounds: int = 1) -> Fit:
-        """Return the fit of the torque as it was read so much after the motion.
-
-        What is explained moves and the noise does not: else a tone in the noise would say when.
-        """
-        pieces = self.record.records or (self.record,)
-        parts = getattr(self.bands, "parts", (self.bands,))
-        fixed = [fixed_of(one, own) for one, own in zip(pieces, parts, strict=True)]
-        read = [torque_of(one, own) for one, own in zip(pieces, parts, strict=True)]
-        ends = np.cumsum([len(row) for row in fixed])[:-1]
-
-        def moved(rows: list[FloatArray], by_s: float) -> FloatArray:
-            some = zip(pieces, parts, rows, strict=True)
-            return np.concatenate([own.moved(row, by_s / one.period_s) for one, own, row in some])
-
-        still, torque = np.concatenate(fixed), np.concatenate(read)
-        # what is explained is what explains the torque as it would have been read in time
-        early = self.of(moved(read, -late_s) - still)
+    def in_time(self, late_s: float) -> Fit:
+        """Return the fit to the torque as it would have been read in time."""
+        early = self.of(self._moved(self._read, -late_s) - self._still)
         early.settle(0)
+        return early
+
+    def likelihood_of(self, late_s: float) -> float:
+        """Return the log likelihood of a delay, nats.
+
+        The noise counts as it was read, else a tone in it would say when.
+        """
+        early = self.in_time(late_s)
+        noise = self.bands.power(self._moved(early.residual, late_s))
+        moments = replace(early.moments(), power=noise)
+        return solve_best(moments, self.shapes, self.spectrum, rounds=1).likelihood
+
+    def retimed(self, late_s: float, rounds: int = 1) -> Fit:
+        """Return the fit of the torque as it was read so much after the motion."""
+        early = self.in_time(late_s)
+        # what is explained moves, and the noise does not
         explained = early.measured - early.residual
-        late_by = moved(np.split(explained + still, ends), late_s) - explained
-        new = self.of(torque - late_by)
+        new = self.of(self._read - self._moved(explained + self._still, late_s) + explained)
         new.settle(rounds)
-        late = tuple(replace(one, late_s=late_s) for one in pieces)
+        late = tuple(replace(one, late_s=late_s) for one in self._pieces)
         records = late if self.record.records else ()
         new.record = replace(self.record, late_s=late_s, records=records)
         return new
+
+    @property
+    def _pieces(self) -> tuple[Record, ...]:
+        return self.record.records or (self.record,)
+
+    @property
+    def _parts_of_bands(self) -> tuple[Bands, ...]:
+        return getattr(self.bands, "parts", (self.bands,))
+
+    @property
+    def _still(self) -> FloatArray:
+        pairs = zip(self._pieces, self._parts_of_bands, strict=True)
+        return np.concatenate([fixed_of(one, own) for one, own in pairs])
+
+    @property
+    def _read(self) -> FloatArray:
+        pairs = zip(self._pieces, self._parts_of_bands, strict=True)
+        return np.concatenate([torque_of(one, own) for one, own in pairs])
+
+    def _moved(self, row: FloatArray, by_s: float) -> FloatArray:
+        """Return what all records hold as it was so much earlier, each by its own samples."""
+        ends = np.cumsum([own.size for own in self._parts_of_bands])[:-1]
+        some = zip(self._pieces, self._parts_of_bands, np.split(row, ends), strict=True)
+        return np.concatenate([own.moved(x, by_s / one.period_s) for one, own, x in some])
 
     def of(self, measured: FloatArray) -> Fit:
         """Return a fit with the same parts and coefficients of another measurement."""

@@ -105,6 +105,9 @@ def _table(search: Search, part: int) -> list[Candidate]:
     record = view.record
     own = candidate_of(beside, record, term, fit.parts[part].trials, 0.0)
     own = weighed(beside, record, own, fit.shapes, base)
+    if not np.isfinite(own.evidence_nats):
+        # beside the others alone its size is a little outside of its limits
+        own = replace(own, evidence_nats=search.lost_without(part))
     if is_table(term.cause):
         return [own]
     looks = _looks(search, beside, part)

@@ -523,7 +523,7 @@ class Search:
                 value = -np.inf if gone else self.evidence_of(part)
                 if value < least and not gone:
                     # a name has its form error with it, which its evidence alone leaves out
-                    value = max(value, self._lost_without(part))
+                    value = max(value, self.lost_without(part))
                 if value < least:
                     worst, least = part, value
             if worst is None:
@@ -535,7 +535,7 @@ class Search:
             fit.remove(worst)
             fit.settle(3)
 
-    def _lost_without(self, part: int) -> float:
+    def lost_without(self, part: int) -> float:
         """Return what a fit loses without a cause, beyond what the cause costs, nats."""
         fit = self.fit
         without = fit.without(part)
