@@ -1,6 +1,6 @@
 """All that hdbench takes from pymodbus, its internals too: what to look at when its version moves.
 
-The strict client (`hdbench.devices.modbus.links`) and the emulators' server
+The strict client (`hdbench.devices.modbus.replies`) and the emulators' server
 (`hdbench.devices.emulator.server`) are subclasses of what stands here, and import it from here.
 """
 

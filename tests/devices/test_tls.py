@@ -12,7 +12,7 @@ import pytest
 from nodekit import adu, rogue
 from stopwatch import Stopwatch
 
-from hdbench.devices.modbus.links import polled_link
+from hdbench.devices.modbus.replies import polled_link
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import FrameError, connect, read_registers
 from hdbench.errors import UsageError

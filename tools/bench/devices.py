@@ -367,7 +367,7 @@ def _rate(ask: Callable[[], object], seconds: float) -> tuple[float, float]:
 
 @contextmanager
 def _strict(port: int, start: int, count: int) -> Iterator[Callable[[], object]]:
-    from hdbench.devices.modbus.links import polled_link
+    from hdbench.devices.modbus.replies import polled_link
     from hdbench.devices.wire.link import read_registers
 
     link = polled_link(parse_address(f"tcp://127.0.0.1:{port}"))

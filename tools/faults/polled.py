@@ -29,8 +29,8 @@ from hdbench.devices.emulator.server import Device
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.identity import make_probe
 from hdbench.devices.modbus.layout import place_of
-from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.modbus.outputs import Outputs
+from hdbench.devices.modbus.replies import polled_link
 from hdbench.devices.registers import Register, Space
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.rtu import crc16

@@ -312,7 +312,7 @@ _ZERO_V = 1e-3
 def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     """Open the device; nothing is connected or written yet."""
     # pymodbus is loaded by those who open such a device alone
-    from hdbench.devices.modbus.links import polled_link
+    from hdbench.devices.modbus.replies import polled_link
 
     given = None if table.serial is None else serial_settings(table.serial)
     address = parse_address(table.address, given, default_port=502)

@@ -217,7 +217,7 @@ def connect(
     TCP, TLS and RTU need nothing but the standard library and pyserial; the others are pymodbus'.
     """
     if address.scheme in ("udp", "rtu+tcp", "ascii"):
-        from hdbench.devices.modbus.links import polled_link
+        from hdbench.devices.modbus.replies import polled_link
 
         return polled_link(address, unit=unit, probe=probe, claim=claim)
     if address.scheme == "rtu":

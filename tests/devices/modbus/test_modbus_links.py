@@ -16,7 +16,7 @@ from stopwatch import Stopwatch
 from hdbench.devices.guard.order import as_json
 from hdbench.devices.guard.process.stopping import make_safe, note_identity
 from hdbench.devices.modbus.driver import stop_target
-from hdbench.devices.modbus.links import StrictClient, polled_link
+from hdbench.devices.modbus.replies import StrictClient, polled_link
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import ExceptionReply, FrameError, read_registers, write_register
 from hdbench.devices.wire.rtu import crc16
