@@ -248,11 +248,9 @@ def test_a_friction_that_changes_with_the_angle_is_left_unexplained_at_its_order
     trace = record(friction, (30.0, 60.0, 5.0), LINES, n=14_000, noise_nm=0.02, seed=4)
     found = diagnose_trace(trace, PROFILE)
     assert found.causes == ()
-    place, *others = found.unexplained
+    (place,) = found.unexplained
     assert place.domain == "motor-order"
     assert place.location == pytest.approx(2.0, abs=0.02)
-    # a table of the speed is smoother than the turn of a friction: what it misses is small
-    assert sum(one.share_of_variance for one in others) < 0.1 * place.share_of_variance
 
 
 def test_a_torque_that_drives_with_the_sign_of_the_speed_is_no_friction():
