@@ -35,6 +35,7 @@ from hdbench.diagnosis.discovery.told import (
     Told,
     cause_of,
     covariances,
+    in_time,
     late_of,
     mean_square,
     place_of,
@@ -396,7 +397,8 @@ def tell_together(
     places += table_places(search, variance)
     records = []
     for number, (one, origin) in enumerate(piece_searches(search)):
-        early = predicting_delay(one)
+        predicting_delay(one)
+        early = in_time(one.fit)
         square = mean_square(one.fit, {i for i, place in enumerate(origin) if place in base})
         found = rest_places(one, square, noise_variances[number])
         found = [replace(place, record=names[number]) for place in found]

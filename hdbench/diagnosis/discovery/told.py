@@ -98,10 +98,10 @@ def tell(
     noise_variance: FloatArray | None = None,
 ) -> Told:
     """Return what a search found as the answer says it."""
-    named, held = predicting(search, name_causes(search))
-    early = predicting_delay(search)
-    fit = search.fit
-    held = held if held.fit is fit else hold_out(fit)
+    named = name_causes(search)
+    predicting_delay(search)
+    named, held = predicting(search, named)
+    fit, early = search.fit, in_time(search.fit)
     search.find_tables()
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
@@ -191,8 +191,8 @@ def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Na
     return {at: named[old] for at, old in enumerate(kept) if old in named}, hold_out(search.fit)
 
 
-def predicting_delay(search: Search) -> Fit:
-    """Take a delay of the torque out of a search that predicts nothing; return the fit without."""
+def predicting_delay(search: Search) -> None:
+    """Take a delay of the torque out of a search where it predicts nothing."""
     late, early = search.fit, in_time(search.fit)
     if early is not late:
         everything = set(range(len(late.parts)))
@@ -200,7 +200,6 @@ def predicting_delay(search: Search) -> Fit:
         if errors[1] <= errors[0]:
             search.log.append("time-skew predicts nothing")
             search.fit = early
-    return early
 
 
 def table_places(search: Search, variance: float) -> list[Unexplained]:
