@@ -11,7 +11,7 @@ from hdbench.diagnosis.planning.planfile import read_plan, write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.filter import kernel_name
-from hdbench.profile import Profile, check_loads, parse_profile
+from hdbench.profile import Profile, check_loads, stored_profile
 from hdbench.profile.scaling import checked_age, profile_scale, read_calibration, stored_scale
 from hdbench.records import TorqueScale
 from hdbench.records.journal import JournalContent, JournalWriter
@@ -152,16 +152,16 @@ def _scale(profile: Profile, options: BenchOptions) -> TorqueScale:
     )
 
 
-def stored_profile(folder: RunFolder) -> Profile:
-    """Return the profile that a run was made with."""
-    text = folder.manifest["profile"].get("text")
-    if not isinstance(text, str):
+def profile_of(folder: RunFolder) -> Profile:
+    """Return the profile that a run was made with; `DataError` where it holds none."""
+    profile = stored_profile(folder.manifest, folder.path)
+    if profile is None:
         raise DataError(
             "run.json holds no profile",
             where=str(folder.path),
             fix="start the experiment anew; what was recorded is kept in this run",
         )
-    return parse_profile(text, f"{folder.path / 'run.json'}: profile")
+    return profile
 
 
 def stored_address(folder: RunFolder) -> str | None:
@@ -186,7 +186,7 @@ def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutc
     samples are kept beside the others, marked.
     """
     folder = _resumable(path)
-    profile = stored_profile(folder)
+    profile = profile_of(folder)
     plan = _stored_plan(folder, profile)
     scale = stored_scale(folder.manifest.get("calibration"), folder.path) or profile_scale(profile)
     model = choose_filter(profile, None, source=folder.path)

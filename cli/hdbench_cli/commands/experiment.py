@@ -21,7 +21,7 @@ from hdbench.records.runfolder import utc_now
 from hdbench.ripple import Stretch
 from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, make_plan, run_experiment
 from hdbench.session.calibrating.plan import Preset
-from hdbench.session.experiments import resume_run, stored_address, stored_profile
+from hdbench.session.experiments import profile_of, resume_run, stored_address
 from hdbench.session.plans import Plan
 from hdbench_cli.asking.operator import ConsoleOperator, Who, calibration_talk, silent
 from hdbench_cli.commands.experiment_text import LINES, doubts_of, failed
@@ -117,7 +117,7 @@ def resume_command(output: Output, /, run: Path, realtime: bool, **options: Any)
     # without the option the bench keeps time as it did before
     address = request.address or stored_address(folder)
     request = replace(request, address=address, realtime=realtime or None)
-    profile = stored_profile(folder)
+    profile = profile_of(folder)
     with _watched(output, request, profile) as (asked, progress):
         outcome = resume_run(run, asked, progress)
     _present(output, request, profile, *_outcome(outcome))

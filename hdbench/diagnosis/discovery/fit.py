@@ -399,7 +399,7 @@ class Fit:
         view.take(solve(view.moments(), view.shapes, view.spectrum, rounds=0))
         return view
 
-    def in_time(self, late_s: float) -> Fit:
+    def _early(self, late_s: float) -> Fit:
         """Return the fit to the torque as it would have been read in time."""
         early = self.of(self._moved(self._read, -late_s) - self._still)
         early.settle(0)
@@ -410,14 +410,14 @@ class Fit:
 
         The noise counts as it was read, else a tone in it would say when.
         """
-        early = self.in_time(late_s)
+        early = self._early(late_s)
         noise = self.bands.power(self._moved(early.residual, late_s))
         moments = replace(early.moments(), power=noise)
         return solve_best(moments, self.shapes, self.spectrum, rounds=1).likelihood
 
     def retimed(self, late_s: float, rounds: int = 1) -> Fit:
         """Return the fit of the torque as it was read so much after the motion."""
-        early = self.in_time(late_s)
+        early = self._early(late_s)
         # what is explained moves, and the noise does not
         explained = early.measured - early.residual
         new = self.of(self._read - self._moved(explained + self._still, late_s) + explained)

@@ -88,7 +88,7 @@ OUTPUT_LINE = _line(
 TONE_LINE = _line(
     "tone", Parameter("frequency_hz", "Hz", 1e-6, 1e6, "frequency"), "clock", _at_frequency
 )
-MOTOR_ORDER = Parameter("order", "1", 0.05, 1e3, "cycles per turn of the motor")
+_MOTOR_ORDER = Parameter("order", "1", 0.05, 1e3, "cycles per turn of the motor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -502,7 +502,7 @@ def _line_beside(
 def _enveloped(scan: Scan, axis: Axis, hats: FloatArray, levels: list[FloatArray]) -> Cause:
     """Return a line with an envelope over an axis, as a cause without a name."""
     on_motor = scan.domain == "motor-order"
-    place = MOTOR_ORDER if on_motor else OUTPUT_LINE.shape[0]
+    place = _MOTOR_ORDER if on_motor else OUTPUT_LINE.shape[0]
 
     def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         angle = motion.angle_rad if on_motor else motion.output_angle_rad
