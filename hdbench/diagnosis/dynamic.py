@@ -183,7 +183,7 @@ def make_ready(task: Task, trace: Trace) -> Ready | Refused:
     inspected = _without_own_current(inspected, task.profile)
     if inspected.reason:
         return Refused(inspected, inspected.reason)
-    record = _prepared(task, inspected.trace, inspected.masked)
+    record = _read(task, inspected.trace, inspected.masked)
     reason = _unfit(record)
     if reason:
         return Refused(inspected, reason)
@@ -201,13 +201,15 @@ def findings_of(task: Task, ready: Ready, found: Search, late: ResidualFaults) -
     return Findings(found, task.given, inspected, late, undone, task.materiality, task.causes)
 
 
-def _prepared(
-    task: Task, trace: Trace, masked: NDArray[np.bool_], *channel: LowPass | None
-) -> Record:
-    """Return a trace as a record, behind the low-pass of its channel where that is known."""
+def _read(task: Task, trace: Trace, masked: NDArray[np.bool_]) -> Record:
+    """Return a trace as a record before its channel is known."""
     trace, masked, added = on_clock(trace, masked)
     record = prepare_record(trace, task.profile.data, task.given, masked, task.change)
-    record = replace(record, added=added)
+    return replace(record, added=added)
+
+
+def _prepared(task: Task, record: Record, *channel: LowPass | None) -> Record:
+    """Return a record ready for a fit, behind the low-pass of its channel where that is known."""
     for low_pass in channel:
         record = record.behind(low_pass)
     if "expected-torque" not in task.change.without:
@@ -292,7 +294,8 @@ def _with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFault
     """Return late faults with the spikes that were taken out before the search."""
     inspected, spikes = ready.inspected, ready.spikes
     if spikes.any() and not any(fault.name == "spikes" for fault in late.faults):
-        whole = _prepared(task, inspected.trace, inspected.masked, ready.record.low_pass)
+        read = _read(task, inspected.trace, inspected.masked)
+        whole = _prepared(task, read, ready.record.low_pass)
         early = _faults(task, ready, start_fit(whole, task.known()), white=False)
         late = replace(late, faults=(*early.faults, *late.faults))
     return replace(late, spikes=late.spikes | spikes)
@@ -313,12 +316,13 @@ def _faults(task: Task, ready: Ready | Inspected, fit: Fit, *, white: bool) -> R
     )
 
 
-def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, NDArray[np.bool_]]:
+def _cleaned(task: Task, inspected: Inspected, read: Record) -> tuple[Record, NDArray[np.bool_]]:
     """Return the record without spikes, and with what coarse readings add on average."""
-    fit = start_fit(record, task.known())
+    fit = start_fit(_prepared(task, read), task.known())
     early = _faults(task, inspected, fit, white=False)
-    masked, low_pass = inspected.masked | early.spikes[~record.added], fit.bands.low_pass
-    record = _prepared(task, inspected.trace, masked, low_pass)
+    if early.spikes.any():
+        read = _read(task, inspected.trace, inspected.masked | early.spikes[~read.added])
+    record = _prepared(task, read, fit.bands.low_pass)
     if any(fault.name == "quantisation" for fault in early.faults):
         record = _rounded(task, record)
     return record, early.spikes
@@ -345,5 +349,5 @@ def _residual_of(
     """Return the root mean square that the baseline leaves of a trace, N m."""
     if trace is None:
         return 0.0
-    fit = start_fit(_prepared(task, trace, masked, low_pass), task.known())
+    fit = start_fit(_prepared(task, _read(task, trace, masked), low_pass), task.known())
     return float(np.sqrt(np.mean(residual_nm(fit)[fit.record.valid] ** 2)))

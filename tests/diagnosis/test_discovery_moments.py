@@ -7,7 +7,13 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hdbench.diagnosis.discovery.moments import Moments, quick_likelihood, solve, weighted_products
+from hdbench.diagnosis.discovery.moments import (
+    Moments,
+    packed,
+    quick_likelihood,
+    solve,
+    weighted_products,
+)
 from hdbench.diagnosis.discovery.refine import log_evidence
 from hdbench.diagnosis.discovery.spectrum import Spectrum, make_shapes
 
@@ -26,7 +32,7 @@ def banded(one, other):
 def moments_of(rows, measured, coefficients, penalty):
     left = measured - coefficients @ rows
     return Moments(
-        banded(rows, rows),
+        packed(banded(rows, rows)),
         banded(left[None, :], rows)[:, 0],
         banded(left[None, :], left[None, :])[:, 0, 0],
         COUNTS,
@@ -46,7 +52,7 @@ def drawn():
 
 
 def same(one, other):
-    for name in ("gram", "right", "power", "coefficients", "penalty"):
+    for name in ("products", "right", "power", "coefficients", "penalty"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-9)
 
 

@@ -162,7 +162,9 @@ def thinned(record):
         **{f.name: half(getattr(record.motion, f.name)) for f in fields(record.motion)},
     )
     own = {
-        f.name: half(getattr(record, f.name)) for f in fields(record) if f.name not in ("prior_nm",)
+        f.name: half(getattr(record, f.name))
+        for f in fields(record)
+        if f.init and f.name != "prior_nm"
     }
     own |= {"motion": motion, "period_s": 2.0 * record.period_s, "prior_nm": record.prior_nm}
     return replace(record, **own)

@@ -63,8 +63,9 @@ def _locked(
     window /= window.sum()
     turning = uniform_filter1d(np.gradient(angle_rad, period_s), width) / (2.0 * np.pi)
     out = np.zeros(len(rest))
+    once, turned = np.exp(1j * angle_rad), np.ones(len(rest), dtype=complex)
     for order in range(1, _LOCKED_ORDERS + 1):
-        turned = np.exp(1j * order * angle_rad)
+        turned *= once
         amount = 2.0 * oaconvolve(rest * turned.conj(), window, mode="same")
         hertz = order * np.abs(turning)
         level = 4.0 * float(window @ window) * noise * hertz ** (2 * degree)

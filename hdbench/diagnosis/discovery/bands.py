@@ -16,6 +16,8 @@ _SLOW_BANDS, _EVEN_BANDS = 16, 41
 SLOW_SHARE = 0.03
 # share of the record that fades in and out: a transform takes a jump between both ends for noise
 _FADE = 0.01
+# columns that are transformed together: more would only take more memory
+_AT_ONCE = 8
 # a wave that is moved is faded anew; where the window is next to nothing this has no meaning
 _STRETCH = 2.0
 # a filter is undone to some thirty times, so that noise behind it does not take over
@@ -227,13 +229,16 @@ class Bands:
         """
         from scipy.fft import dct
 
-        rows = np.array(columns.T, dtype=np.float64, order="C", ndmin=2)
-        if not measured:
-            rows = self._passed(rows)
-        rows = self._bridged(rows)
-        rows *= self.fade
-        out = np.asarray(dct(rows, n=self.length, norm="ortho", axis=1, overwrite_x=True))
-        return out[:, : self.size]
+        out = np.empty((columns.shape[1], self.size))
+        for first in range(0, len(out), _AT_ONCE):
+            rows = np.array(columns.T[first : first + _AT_ONCE], dtype=np.float64, order="C")
+            if not measured:
+                rows = self._passed(rows)
+            rows = self._bridged(rows)
+            rows *= self.fade
+            whole = dct(rows, n=self.length, norm="ortho", axis=1, overwrite_x=True)
+            out[first : first + _AT_ONCE] = whole[:, : self.size]
+        return out
 
     def inverse(self, row: FloatArray) -> FloatArray:
         """Return what the transform of a column makes of coefficients: its transpose."""

@@ -15,6 +15,7 @@ from hdbench.diagnosis.discovery.moments import (
     Solved,
     among,
     inverse_scale,
+    packed,
     solve,
     solve_best,
 )
@@ -360,7 +361,7 @@ class Fit:
         power = self.power - (self.against + right) @ self.coefficients
         moving = np.array([part.moving for part in self.parts], dtype=bool)[self.owner]
         return Moments(
-            self.gram,
+            packed(self.gram),
             right,
             power,
             self.bands.counts,
@@ -471,10 +472,10 @@ class Fit:
         explained = np.where(np.isin(self.owner, without), 0.0, self.coefficients)
         held = explained != 0.0
         residual = self.measured - explained[held] @ self.rows[held]
-        moments, rows = moments.without(~kept), self.rows[kept]
+        moments = moments.without(~kept)
+        rows = self.rows if kept.all() else self.rows[kept]
         weight = 1.0 / self.spectrum.power
-        k = len(rows)
-        matrix = (weight @ moments.gram.reshape(len(weight), -1)).reshape(k, k)
+        matrix = moments.weighted(weight)
         matrix[np.diag_indices_from(matrix)] += moments.penalty
         scale = inverse_scale(np.diag(matrix))
         scaled = matrix * np.outer(scale, scale)
@@ -558,6 +559,6 @@ def fixed_of(record: Record, bands: Bands) -> FloatArray:
 
 def scaled_rows(bands: Bands, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the transform of columns divided by their root mean square, and that."""
-    scale = np.sqrt(np.mean(columns**2, axis=0))
+    scale = np.sqrt(np.einsum("nk,nk->k", columns, columns) / len(columns))
     scale = np.where(scale > 0.0, scale, 1.0)
-    return bands.transform(columns / scale), scale
+    return bands.transform(columns) / scale[:, None], scale

@@ -425,8 +425,7 @@ def _spanned(
     fit: Fit, moments: Moments, parts: tuple[int, ...], causes: Iterable[int]
 ) -> list[int]:
     """Return the causes whose torque the form errors of some parts can say, the nearest first."""
-    weight = 1.0 / fit.spectrum.power
-    gram = np.tensordot(weight, moments.gram, 1)
+    gram = moments.weighted(1.0 / fit.spectrum.power)
     rows = np.flatnonzero(np.isin(fit.owner, parts) & fit.form)
     own = gram[np.ix_(rows, rows)] + np.eye(len(rows))
     shares = {}

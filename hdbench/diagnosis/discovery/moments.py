@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,8 @@ class Moments:
 
     Parameters
     ----------
-    gram : ndarray, shape (n_bands, k, k)
-        Products of columns.
+    products : ndarray, shape (n_bands, k (k + 1) / 2)
+        Products of columns: the lower triangle of their Gram matrix, row by row.
     right : ndarray, shape (n_bands, k)
         Products of columns with the residual.
     power : ndarray, shape (n_bands,)
@@ -44,7 +45,7 @@ class Moments:
         Power of what follows the motion and is held fixed.
     """
 
-    gram: FloatArray
+    products: FloatArray
     right: FloatArray
     power: FloatArray
     counts: FloatArray
@@ -57,14 +58,10 @@ class Moments:
         self, cross: FloatArray, own: FloatArray, right: FloatArray, moving: bool = False
     ) -> Moments:
         """Return the moments with further columns, whose coefficients are zero."""
-        k, extra = self.gram.shape[1], own.shape[1]
-        gram = np.empty((len(self.gram), k + extra, k + extra))
-        gram[:, :k, :k] = self.gram
-        gram[:, k:, :k] = cross
-        gram[:, :k, k:] = np.swapaxes(cross, 1, 2)
-        gram[:, k:, k:] = own
+        k, extra = self.right.shape[1], own.shape[1]
+        below = np.tri(extra, k + extra, k, dtype=bool)
         return Moments(
-            gram,
+            np.concatenate([self.products, np.concatenate([cross, own], axis=2)[:, below]], axis=1),
             np.concatenate([self.right, right], axis=1),
             self.power,
             self.counts,
@@ -76,13 +73,18 @@ class Moments:
 
     def without(self, dropped: NDArray[np.bool_]) -> Moments:
         """Return the moments where some columns are taken out, and their part is residual again."""
-        kept, back = ~dropped, np.where(dropped, self.coefficients, 0.0)
+        pairs = _pairs(len(dropped))
+        kept, back = np.flatnonzero(~dropped), np.flatnonzero(dropped & (self.coefficients != 0.0))
         right, power = self.right, self.power
-        if back.any():
-            moved = self.gram @ back
-            right, power = right + moved, power + 2.0 * right @ back + moved @ back
+        if len(back):
+            amount = self.coefficients[back]
+            taken = self.products.take(pairs[:, back].ravel(), 1)
+            moved = taken.reshape(len(taken), -1, len(back)) @ amount
+            power = power + (2.0 * right[:, back] + moved[:, back]) @ amount
+            right = right + moved
+        inside = pairs[np.ix_(kept, kept)][np.tri(len(kept), dtype=bool)]
         return Moments(
-            among(self.gram, kept),
+            self.products.take(inside, 1),
             right[:, kept],
             power,
             self.counts,
@@ -96,21 +98,43 @@ class Moments:
         """Return the same with another prior."""
         return replace(self, penalty=penalty)
 
+    def weighted(self, weight: FloatArray) -> FloatArray:
+        """Return the Gram matrix of all bands with these weights, shape (k, k)."""
+        return np.asarray((weight @ self.products)[_pairs(len(self.coefficients))])
+
+    def squares(self, vector: FloatArray) -> FloatArray:
+        """Return the power of a sum of columns in each band."""
+        return self.traces(np.outer(vector, vector))
+
+    def traces(self, matrix: FloatArray) -> FloatArray:
+        """Return the trace of each band's Gram matrix times a symmetric matrix."""
+        twice = 2.0 * matrix
+        twice[np.diag_indices_from(twice)] *= 0.5
+        return np.asarray(self.products @ twice[np.tri(len(matrix), dtype=bool)])
+
     def left(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the power left after a step; per coefficient what is modelled, and what moves."""
         free = np.where(self.penalty > 0.0, 0.0, self.coefficients + step)
-        moving = np.where(self.moving, free, 0.0)
-        vectors = np.stack([step, free, moving], axis=1)
-        n_bands, k = self.right.shape
-        products = (self.gram.reshape(n_bands * k, k) @ vectors).reshape(n_bands, k, 3)
-        squares = np.einsum("bki,ki->bi", products, vectors)
-        power = self.power - 2.0 * self.right @ step + squares[:, 0]
+        power = self.power - 2.0 * self.right @ step + self.squares(step)
         counts = np.maximum(self.counts, 1e-9)
         return (
             np.maximum(power, 1e-12 * self.power),
-            (squares[:, 1] + self.fixed) / counts,
-            (squares[:, 2] + self.fixed) / counts,
+            (self.squares(free) + self.fixed) / counts,
+            (self.squares(np.where(self.moving, free, 0.0)) + self.fixed) / counts,
         )
+
+
+@lru_cache(maxsize=64)
+def _pairs(count: int) -> NDArray[np.int64]:
+    """Return where the product of each two of so many columns stands, shape (count, count)."""
+    low, high = np.sort(np.indices((count, count)), axis=0)
+    return np.asarray(high * (high + 1) // 2 + low)
+
+
+def packed(gram: FloatArray) -> FloatArray:
+    """Return the lower triangles of Gram matrices, row by row: each product once."""
+    k = gram.shape[1]
+    return gram.reshape(len(gram), k * k).take(np.flatnonzero(np.tri(k, dtype=bool)), 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,9 +179,10 @@ def solve(
     """
     spectrum, held = start, reference or start
     for _ in range(rounds):
-        step, information = _normal(moments, spectrum)
-        taken = moments.gram.reshape(len(moments.counts), -1) @ inverse(information).ravel()
+        normal = _normal(moments, spectrum)
+        step = normal.solution(_right(moments, spectrum))
         counts = np.maximum(moments.counts, 1e-9)
+        taken = moments.traces(normal.inverse())
         dof = np.clip(counts - taken / spectrum.power, _LEAST_DOF * counts, counts)
         amounts = None if anew else spectrum.amounts
         power, *modelled = moments.left(step)
@@ -165,19 +190,22 @@ def solve(
         # the likelihood is flat at its best: it changes by the square
         if moments.counts @ np.log(spectrum.power / before.power) ** 2 < 4.0 * _SETTLED:
             break
-    step, information = _normal(moments, spectrum)
-    power = moments.left(step)[0]
+    normal = _normal(moments, spectrum)
+    step = normal.solution(_right(moments, spectrum))
+    power = np.maximum(
+        moments.power - 2.0 * moments.right @ step + moments.squares(step), 1e-12 * moments.power
+    )
     total = moments.coefficients + step
     quadratic = float(np.sum(power / spectrum.power) + total @ (moments.penalty * total))
     logs = float(moments.counts @ np.log(spectrum.power))
     free = moments.penalty <= 0.0
-    width = _log_det(information[np.ix_(free, free)]) if free.any() else 0.0
+    width = 0.0
     if free.any() and spectrum is not held:
-        width -= _log_det(_weighted(among(moments.gram, free), held))
-    else:
-        width = 0.0
-    likelihood = -0.5 * (logs + quadratic + _occam(information, moments.penalty) + width)
-    return Solved(likelihood, spectrum, step, information)
+        then = moments.weighted(1.0 / held.power)[np.ix_(free, free)]
+        width = normal.log_det(free) - _Normal.of(then).log_det()
+    occam = normal.occam(moments.penalty)
+    likelihood = -0.5 * (logs + quadratic + occam + width)
+    return Solved(likelihood, spectrum, step, normal.matrix)
 
 
 def among(gram: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
@@ -195,21 +223,15 @@ def quick_likelihood(
 
     `weighted` and `right` are the products of all columns with each other and with the torque.
     """
-    information = weighted[np.ix_(kept, kept)] + np.diag(penalty[kept])
-    quadratic = float(right[kept] @ _solution(information, right[kept]))
-    return 0.5 * (quadratic - _occam(information, penalty[kept]))
+    normal = _Normal.of(weighted[np.ix_(kept, kept)] + np.diag(penalty[kept]))
+    quadratic = float(right[kept] @ normal.solution(right[kept]))
+    return 0.5 * (quadratic - normal.occam(penalty[kept]))
 
 
 def weighted_products(moments: Moments, spectrum: Spectrum) -> tuple[FloatArray, FloatArray]:
     """Return the products of columns with each other, and with the torque, weighed by a noise."""
-    matrix = _weighted(moments.gram, spectrum)
+    matrix = moments.weighted(1.0 / spectrum.power)
     return matrix, (1.0 / spectrum.power) @ moments.right + matrix @ moments.coefficients
-
-
-def _weighted(gram: FloatArray, spectrum: Spectrum) -> FloatArray:
-    """Return the products of columns, weighed by a noise."""
-    k = gram.shape[1]
-    return np.asarray(((1.0 / spectrum.power) @ gram.reshape(len(gram), -1)).reshape(k, k))
 
 
 def inverse(information: FloatArray) -> FloatArray:
@@ -235,21 +257,70 @@ def solve_best(moments: Moments, shapes: Shapes, start: Spectrum, *, rounds: int
     return other if other.likelihood > first.likelihood else first
 
 
-def _normal(moments: Moments, spectrum: Spectrum) -> tuple[FloatArray, FloatArray]:
-    """Return the step and the information."""
-    weight = 1.0 / spectrum.power
-    matrix = _weighted(moments.gram, spectrum)
-    matrix[np.diag_indices_from(matrix)] += moments.penalty
-    right = weight @ moments.right - moments.penalty * moments.coefficients
-    return _solution(matrix, right), matrix
+@dataclass(frozen=True, slots=True)
+class _Normal:
+    """Normal equations: their matrix, one over the root of its diagonal, and its Cholesky factor.
+
+    Empty columns have a coefficient of zero.
+    """
+
+    matrix: FloatArray
+    scale: FloatArray
+    factor: FloatArray
+
+    @classmethod
+    def of(cls, matrix: FloatArray) -> _Normal:
+        scale = inverse_scale(np.diag(matrix))
+        return cls(matrix, scale, _cholesky(matrix, scale))
+
+    def solution(self, right: FloatArray) -> FloatArray:
+        from scipy.linalg.lapack import dpotrs
+
+        if not len(right):
+            return right
+        return np.asarray(self.scale * dpotrs(self.factor, self.scale * right, lower=1)[0])
+
+    def inverse(self) -> FloatArray:
+        from scipy.linalg.lapack import dpotri
+
+        if not len(self.scale):
+            return self.matrix
+        lower = dpotri(self.factor, lower=1)[0]
+        whole = np.where(np.tri(len(lower), dtype=bool), lower, lower.T)
+        return np.asarray(whole * np.outer(self.scale, self.scale))
+
+    def log_det(self, some: NDArray[np.bool_] | None = None) -> float:
+        """Return ln det of the matrix, or of that of some columns, without empty ones."""
+        factor, scale = self.factor, self.scale
+        if some is not None and not some.all():
+            scale = scale[some]
+            factor = _cholesky(self.matrix[np.ix_(some, some)], scale)
+        full = scale > 0.0
+        return 2.0 * float(np.log(np.diag(factor)).sum() - np.log(scale[full]).sum())
+
+    def occam(self, penalty: FloatArray) -> float:
+        """Return ln det of the part with a prior, given the free part, less that of the prior."""
+        held = penalty > 0.0
+        if not held.any():
+            return 0.0
+        free = self.log_det(~held) if (~held).any() else 0.0
+        return self.log_det() - free - float(np.log(penalty[held]).sum())
 
 
-def _solution(information: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the coefficients of normal equations; zero for empty columns."""
-    scale = inverse_scale(np.diag(information))
-    scaled = information * np.outer(scale, scale)
+def _cholesky(matrix: FloatArray, scale: FloatArray) -> FloatArray:
+    scaled = matrix * np.outer(scale, scale)
     scaled[np.diag_indices_from(scaled)] += np.where(scale > 0.0, _RIDGE, 1.0)
-    return np.asarray(scale * np.linalg.solve(scaled, scale * right))
+    return np.asarray(np.linalg.cholesky(scaled), dtype=np.float64)
+
+
+def _normal(moments: Moments, spectrum: Spectrum) -> _Normal:
+    matrix = moments.weighted(1.0 / spectrum.power)
+    matrix[np.diag_indices_from(matrix)] += moments.penalty
+    return _Normal.of(matrix)
+
+
+def _right(moments: Moments, spectrum: Spectrum) -> FloatArray:
+    return (1.0 / spectrum.power) @ moments.right - moments.penalty * moments.coefficients
 
 
 def inverse_scale(diagonal: FloatArray) -> FloatArray:
@@ -257,21 +328,3 @@ def inverse_scale(diagonal: FloatArray) -> FloatArray:
     largest = float(diagonal.max(initial=0.0))
     full = diagonal > 1e-24 * largest
     return np.where(full, 1.0 / np.sqrt(np.where(full, diagonal, 1.0)), 0.0)
-
-
-def _occam(information: FloatArray, penalty: FloatArray) -> float:
-    """Return ln det of the part with a prior, given the free part, less that of the prior."""
-    held = penalty > 0.0
-    if not held.any():
-        return 0.0
-    whole = _log_det(information)
-    free = _log_det(information[np.ix_(~held, ~held)]) if (~held).any() else 0.0
-    return whole - free - float(np.log(penalty[held]).sum())
-
-
-def _log_det(matrix: FloatArray) -> float:
-    scale = inverse_scale(np.diag(matrix))
-    full = scale > 0.0
-    scaled = (matrix * np.outer(scale, scale))[np.ix_(full, full)]
-    scaled[np.diag_indices_from(scaled)] += _RIDGE
-    return float(np.linalg.slogdet(scaled)[1] - 2.0 * np.log(scale[full]).sum())

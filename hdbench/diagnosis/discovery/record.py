@@ -77,6 +77,8 @@ class Record:
         Whether the motor angles of all records of a stack have one zero.
     logged_nm : ndarray or None
         Measured load times `load`, N m, where it was logged behind the low-pass of the torque.
+    made : dict
+        Columns of causes that were formed last.
     """
 
     motion: Motion
@@ -97,6 +99,7 @@ class Record:
     added: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     referenced: bool = False
     logged_nm: FloatArray | None = None
+    made: dict[object, FloatArray] = field(init=False, repr=False, default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.valid)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -244,19 +244,23 @@ class Search:
             chance = min(1.0, look.false_alarm / SHARES[kind])
             start = candidate_of(beside, self.fit.record, look.term, look.trials, chance)
             shaped = refined(beside, self.fit.record, start)
-            out.append((weighed(beside, self.fit.record, shaped, self.fit.shapes, base),))
+            out.append((_light(weighed(beside, self.fit.record, shaped, self.fit.shapes, base)),))
         return out
 
     def _accepted(
         self, tried: list[tuple[Candidate, ...]], plain: list[tuple[Candidate, ...]]
     ) -> list[tuple[Candidate, ...]]:
         """Return the entries that pass, fitted with their form errors where they are strong."""
+        passed: list[tuple[Candidate, ...]] = []
         tried, plain = self._different(tried), self._different(plain)
-        tried = [self._judged(e) for e in self._joined(tried, plain)]
-        tried = [e for e in tried if e[0].false_alarm < self.alpha and _nats(e) > _needed(e)]
-        words = [f"{'+'.join(c.name for c in e)} {_nats(e):.0f} of {_plain(e):.0f}" for e in tried]
+        for entry in map(self._judged, self._joined(tried, plain)):
+            if entry[0].false_alarm < self.alpha and _nats(entry) > _needed(entry):
+                # of the fits only that of the best entry is kept: each is as large as the record
+                best = max((*passed, entry), key=_turn)
+                passed = [e if e is best else _unjoined(e) for e in (*passed, entry)]
+        words = [f"{'+'.join(c.name for c in e)} {_nats(e):.0f} of {_plain(e):.0f}" for e in passed]
         self.log.append("  " + "; ".join(words[:6]))
-        return tried
+        return passed
 
     def _different(self, tried: list[tuple[Candidate, ...]]) -> list[tuple[Candidate, ...]]:
         """Return the best entry of each set of names, without names that were dropped often."""
@@ -278,26 +282,26 @@ class Search:
                 break
             shaped = refined(even, record, candidate_of(even, record, look.term, look.trials, 1.0))
             here = candidate_of(beside, record, shaped.term, look.trials, 1.0)
-            out.append((weighed(beside, record, here, fit.shapes, base),))
+            out.append((_light(weighed(beside, record, here, fit.shapes, base)),))
         return out
 
     def _joined(
         self, tried: list[tuple[Candidate, ...]], plain: list[tuple[Candidate, ...]]
-    ) -> list[tuple[Candidate, ...]]:
-        """Return entries, the strong ones with the evidence that they have with their form errors.
+    ) -> Iterator[tuple[Candidate, ...]]:
+        """Yield entries, the strong ones with the evidence that they have with their form errors.
 
         Fitted so are the likeliest ones, and those that explain most in a plain noise.
         """
         ranked = sorted(tried, key=_plain, reverse=True)
         likely = [e for e in ranked[:_JOINED] if e[0].gain_nats * e[0].loud > 0.5 * STRONG]
         chosen = {id(e): e for e in (*likely, *plain)}
+        yield from (e for e in ranked if id(e) not in chosen)
         if not chosen:
-            return ranked
+            return
         base = max(
             settled(self.fit.beside(), self.fit) - form_cost(self.fit),
             value_of(joined(self.fit, ())),
         )
-        out = [e for e in ranked if id(e) not in chosen]
         for entry in chosen.values():
             new, terms = self.best_joined(self.fit, tuple(c.term for c in entry))
             if not all_possible(new, len(terms)):
@@ -311,8 +315,7 @@ class Search:
                 entry[0], gain_nats=gain, evidence_nats=gain - cost, joined=new, loud=loud
             )
             found = (better, *entry[1:])
-            out.append(tuple(replace(c, term=t) for c, t in zip(found, terms, strict=True)))
-        return out
+            yield tuple(replace(c, term=t) for c, t in zip(found, terms, strict=True))
 
     def _relieved(self, new: Fit, last: int) -> float:
         """Take out of a fit the causes that its last ones make needless; return what they cost."""
@@ -352,12 +355,9 @@ class Search:
                 continue
             beside = new.beside(len(new.parts) - len(terms) + place)
             starts = [x.term for x in self.names.looks(beside) if x.term.name == term.name][:1]
-            tried = [
-                refined(beside, new.record, candidate_of(beside, new.record, t, 1.0, 1.0))
-                for t in (term, *starts)
-            ]
-            best = max(tried, key=lambda c: c.statistic)
-            here = candidate_of(beside, new.record, term, 1.0, 1.0)
+            at = [candidate_of(beside, new.record, t, 1.0, 1.0) for t in (term, *starts)]
+            best = max((refined(beside, new.record, c) for c in at), key=lambda c: c.statistic)
+            here = at[0]
             out.append(best.term if best.statistic > here.statistic + 2.0 * _LEAST_NATS else term)
         return tuple(out)
 
@@ -736,6 +736,16 @@ def impossible_parts(fit: Fit) -> set[int]:
         if not inside or not is_within(fit, part):
             found.add(part)
     return found
+
+
+def _light(found: Candidate) -> Candidate:
+    """Return a candidate without its rows, which are made anew where it is accepted."""
+    return replace(found, rows=found.rows[:0].copy())
+
+
+def _unjoined(entry: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
+    """Return an entry without the fits that were made with it."""
+    return tuple(replace(c, joined=None) if c.joined else c for c in entry)
 
 
 def _needed(entry: tuple[Candidate, ...]) -> float:
