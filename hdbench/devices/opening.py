@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -10,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from hdbench.devices.bench import SafeState
 from hdbench.devices.lock import exclusive, is_line, release
-from hdbench.errors import HdbenchError, UsageError
+from hdbench.devices.transactor import is_disturbed
+from hdbench.errors import BusyError, HdbenchError, UsageError
 from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.loader import Profile
 from hdbench.profile.schema import ProfileData
@@ -18,12 +20,16 @@ from hdbench.profile.schema import ProfileData
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
     from hdbench.devices.guard.bench import GuardedBench
+    from hdbench.devices.host.bench import HostedBench
 
 EMBEDDED = "embedded"
 # the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
 # it gets the longest watchdog time that a node takes, and a deadline below it.
 _EMBEDDED_DEADLINE_S = 1.5
 _EMBEDDED_WATCHDOG_S = 2.0
+# one try of the guard of a run that has died, its braking included, and what it has asked last, s
+_OTHERS_S = 5.0
+_POLL_S = 0.05
 
 
 @contextmanager
@@ -175,11 +181,29 @@ def made_safe(data: ProfileData) -> SafeState:
 
     bench = HostedBench(open_daq(data, data.daq), host_settings(data))
     try:
-        # a device that is not the one meant is never written to
-        bench.identity()
+        _check_identity(bench, data)
         return bench.safe_state()
     finally:
         bench.close()
+
+
+def _check_identity(bench: HostedBench, data: ProfileData) -> None:
+    """Check who answers: a device that is not the one meant is never written to.
+
+    A serial line may have been left a moment ago by another host, or be in the hands of the guard
+    of a run that has died: then it is asked again, each time after the line was quiet.
+    """
+    until_s = time.monotonic() + _OTHERS_S * any(map(is_line, addresses_of(data.daq)))
+    while True:
+        try:
+            bench.identity()
+        except HdbenchError as error:
+            passing = isinstance(error, BusyError) or is_disturbed(error)
+            if not (passing and time.monotonic() < until_s):
+                raise
+            time.sleep(_POLL_S)
+        else:
+            return
 
 
 def addresses_of(table: Acquisition) -> tuple[str, ...]:

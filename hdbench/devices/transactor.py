@@ -27,6 +27,13 @@ def was_answered(write: Callable[[], object]) -> bool:
     return True
 
 
+def is_disturbed(error: HdbenchError) -> bool:
+    """Return whether a call failed by what came on an open line, or did not come."""
+    fault = error.__cause__
+    # a line that cannot be opened, or has gone, has the system's error as its cause
+    return isinstance(fault, FrameError) and fault.__cause__ is None
+
+
 class Transactor:
     """Base of the access to a device: every call keeps its deadline, from any thread.
 

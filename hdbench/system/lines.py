@@ -57,9 +57,8 @@ else:
 _CHUNK = 4096
 # how often a port is looked at where it cannot be waited for, s
 _LOOK_S = 5e-4
-Claim = Literal["hold", "ask", "share"]
-"""Have the port alone; or refuse one that another program has, and keep nobody else away; or
-share it with whoever has it. Windows shares no port."""
+Claim = Literal["hold", "share"]
+"""Have the port alone, or share it with whoever has it. Windows shares no port."""
 # longest wait for characters to leave where a port takes them all or none, s
 _WRITE_S = 1.0
 
@@ -170,14 +169,6 @@ def may_open(path: str) -> bool:
     return not can_share_ports() or os.access(path, os.R_OK | os.W_OK)
 
 
-def share_port(port: Serial) -> None:
-    """Let other programs open a port, too, where the system can do that."""
-    with suppress(ImportError):
-        import fcntl
-
-        fcntl.flock(port.fileno(), fcntl.LOCK_UN)
-
-
 def terminal_pair(*, blocking: bool = False) -> tuple[int, int, str]:
     """Open a pseudo-terminal that passes every character as it is."""
     try:
@@ -253,7 +244,7 @@ def open_port(
     # a pseudo-terminal has eight bits and no parity, and says so only when it is opened again
     pseudo = os.path.realpath(path).startswith("/dev/pts/")
     try:
-        port = Serial(
+        return Serial(
             path,
             baudrate=baud_bd,
             bytesize=8 if pseudo else data_bits,
@@ -263,9 +254,6 @@ def open_port(
             write_timeout=_WRITE_S,
             exclusive=claim != "share" or not can_share_ports(),
         )
-        if claim == "ask":
-            share_port(port)
-        return port
     except SETTING_ERRORS as error:
         raise ValueError(str(error)) from error
     except SerialException as error:

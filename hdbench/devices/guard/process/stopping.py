@@ -44,7 +44,7 @@ class Wire:
         Where and how, as `hdbench.devices.guard.order.target_at` gives it.
     alone : bool
         Whether the session is gone, so that whoever has a serial port now is another program: it is
-        left in peace then. A frozen session's port is shared.
+        left in peace then, and so is this connection by others. A frozen session's port is shared.
     """
 
     def __init__(self, place: dict[str, Any], *, alone: bool) -> None:
@@ -56,7 +56,7 @@ class Wire:
             self._reply_s += QUIET_S + line.exchange_s(_LONGEST, _LONGEST)
         tls = SimpleNamespace(**place["tls"]) if place["tls"] else None
         self._link: Link = connect(
-            address, unit=int(place["unit"]), tls=tls, claim="ask" if alone else "share"
+            address, unit=int(place["unit"]), tls=tls, claim="hold" if alone else "share"
         )
         self.close = self._link.close
 
