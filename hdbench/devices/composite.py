@@ -78,11 +78,9 @@ class CompositeDaq:
             )
         return replace(
             inputs,
-            outputs=outputs.outputs,
-            generator=False,
+            reference=outputs.reference,
             enable=outputs.enable,
             watchdog=outputs.watchdog,
-            simulated=inputs.simulated and outputs.simulated,
         )
 
     def identity(self) -> Identity:

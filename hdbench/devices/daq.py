@@ -1,18 +1,16 @@
-"""DAQ: the one interface of every acquisition device, what it can do, and the base of drivers."""
+"""DAQ: the one interface of every acquisition device, and what it can do."""
 
 from __future__ import annotations
 
-import time
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NoReturn, Protocol
+from typing import Literal, Protocol
 
 from numpy import bool_
 from numpy.typing import NDArray
 
 from hdbench.devices.bench import Identity, SafeState
-from hdbench.errors import DeviceError, UsageError
 from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
@@ -60,51 +58,24 @@ class InputInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class OutputInfo:
-    """One output that the host writes.
-
-    Parameters
-    ----------
-    name : str
-        ``reference`` is the motor reference.
-    low, high : float
-        Range that may be written, V.
-    step : float
-        Smallest change that the converter shows, V; 0 where it is not known.
-    write_s : float
-        Time that one confirmed write takes, typically, s.
-    """
-
-    name: str
-    low: float
-    high: float
-    step: float
-    write_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class WatchdogInfo:
     """The watchdog that lives in the device.
 
     Parameters
     ----------
-    min_s, max_s, step_s : float
-        Shortest and longest time, and its grain, s.
+    min_s, max_s : float
+        Shortest and longest time, s.
     fed_by : {"message", "write", "key", "heartbeat"}
         What feeds it: any message, any write, a key written to a register of its own, or a changed
         number. With ``message`` a stuck program that still polls keeps the motor alive.
     drops : tuple of str
         Outputs that it makes safe: ``reference``, ``enable``. Empty: it stops nothing.
-    latches : bool
-        Whether outputs stay safe until the trip is cleared.
     """
 
     min_s: float
     max_s: float
-    step_s: float
     fed_by: Literal["message", "write", "key", "heartbeat"]
     drops: tuple[str, ...]
-    latches: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +91,8 @@ class Capabilities:
         device without inputs.
     min_rate_hz : float
         Lowest scan rate, Hz.
-    simulated : bool
-        True for an emulator: no real motor turns.
-    outputs : tuple of OutputInfo
-        Outputs that the host writes.
+    reference : bool
+        Whether the host writes the motor reference.
     generator : bool
         Whether the device makes the motor reference itself (`DaqSettings.reference`), sample by
         sample; otherwise the host writes it.
@@ -136,8 +105,7 @@ class Capabilities:
     inputs: tuple[InputInfo, ...]
     max_rates_hz: tuple[float, ...]
     min_rate_hz: float
-    simulated: bool
-    outputs: tuple[OutputInfo, ...] = ()
+    reference: bool = False
     generator: bool = False
     enable: bool = False
     watchdog: WatchdogInfo | None = None
@@ -150,7 +118,7 @@ class Capabilities:
     @property
     def drives(self) -> bool:
         """Whether the device can put out a motor reference."""
-        return self.generator or any(info.name == "reference" for info in self.outputs)
+        return self.generator or self.reference
 
     @property
     def guarded(self) -> bool:
@@ -300,7 +268,7 @@ class Daq(Protocol):
         """Write an output within its limits and return what is read back, V.
 
         A value outside the range is refused with an error, never clipped. A read-back that differs
-        by more than one `OutputInfo.step` is an error, too.
+        by more than one step of the converter is an error, too.
         """
 
     def enable(self, *, on: bool) -> bool:
@@ -336,159 +304,6 @@ class Daq(Protocol):
         """Close the connection; never raises."""
 
 
-class InputsOnly:
-    """Base of drivers whose device drives nothing: all that drives is refused."""
-
-    def identity(self) -> Identity:
-        """Return who answers; every driver has its own."""
-        raise NotImplementedError
-
-    def claim(self) -> None:
-        """Check who answers: a serial port is open for one program only."""
-        self.identity()
-
-    def write_output(self, name: str, value: float) -> float:
-        """Refuse: there is no analog output."""
-        self._refuse()
-
-    def enable(self, *, on: bool) -> bool:
-        """Refuse: nothing here enables a drive."""
-        self._refuse()
-
-    def arm_watchdog(self, time_s: float) -> float:
-        """Refuse: there is no watchdog."""
-        self._refuse()
-
-    def feed_watchdog(self) -> None:
-        """Refuse: there is no watchdog."""
-        self._refuse()
-
-    def watchdog(self) -> WatchdogState:
-        """Return that there is none."""
-        return WatchdogState(armed=False, tripped=False, time_s=0.0)
-
-    def clear_watchdog(self) -> None:
-        """Do nothing: there is none."""
-
-    def snapshot(self) -> Mapping[Role, float]:
-        """Return nothing: no reading is needed to see a motor stand."""
-        return {}
-
-    def safe_state(self) -> SafeState:
-        """Return that nothing moves by this device."""
-        return SafeState(True, None, None, "the device drives nothing")
-
-    def _refuse(self) -> NoReturn:
-        raise DeviceError(
-            "this device has no analog output and no watchdog",
-            where=type(self).__name__,
-            fix='drive the motor with another device: driver = "composite"',
-        )
-
-
-def check_reference(value_v: float, ends: tuple[float, float], where: str, name: str) -> None:
-    """Refuse a motor reference, V, outside of what an output may be written, NaN included."""
-    low, high = ends
-    if not low <= value_v <= high:
-        raise UsageError(
-            f"reference {value_v!r} V; needed: {low:g} to {high:g} V",
-            where=f"{where}, {name}",
-            fix="ask for less, or raise daq.output.limit_v if the drive allows it",
-        )
-
-
-def check_disabled(where: str, *, on: bool) -> None:
-    """Refuse to go on where the enable line reads back as on after it was switched off."""
-    if on:
-        raise DeviceError(
-            "the enable line reads back as on after it was switched off",
-            where=where,
-            fix="use the emergency stop, then check the line's wiring and [daq.output]",
-        )
-
-
 def repeats_of(daq: object) -> int:
     """Return how many requests a driver has sent again so far; 0 where it does not count."""
     return int(getattr(daq, "repeats", 0))
-
-
-WAIT_S = 0.02
-"""Longest wait of one call for scans, s."""
-# beyond three packets' time, silence after which something is wrong, s
-_SILENCE_S = 0.5
-
-
-class StreamedAcquisition:
-    """Base of a driver's acquisition: it delivers exactly the scans asked for.
-
-    Parameters
-    ----------
-    n_samples : int
-        Scans to deliver, lost ones counted.
-    packet_s : float
-        Time in which one packet of the device fills, s.
-
-    Attributes
-    ----------
-    delivered : int
-        Scans delivered or told as lost.
-    started, stopped : bool
-        Whether the device was told to start, and to stop.
-    """
-
-    def __init__(self, n_samples: int, packet_s: float) -> None:
-        self.delivered = 0
-        self.started = self.stopped = False
-        self._n_samples = n_samples
-        self._packet_s = packet_s
-        self._heard_s = 0.0
-
-    @property
-    def complete(self) -> bool:
-        """Whether every scan was delivered or told as lost."""
-        return self.delivered >= self._n_samples
-
-    @property
-    def sampling(self) -> bool:
-        """Whether the device may still be sampling."""
-        return self.started and not self.stopped
-
-    @property
-    def silent(self) -> bool:
-        """Whether nothing has come for longer than packets take."""
-        quiet_s = time.monotonic() - self._heard_s
-        return self.sampling and quiet_s > _SILENCE_S + 3.0 * self._packet_s
-
-    def begin(self) -> None:
-        """Note that the device was told to start."""
-        self.started = True
-        self._hear()
-
-    def _hear(self) -> None:
-        """Note that something has come."""
-        self._heard_s = time.monotonic()
-
-    def _delivered(
-        self,
-        values: FloatArray,
-        saturated: NDArray[bool_],
-        read_s: tuple[float, float],
-        *,
-        lost: int = 0,
-        waiting: int = 0,
-        depth: int = 0,
-        tripped: bool = False,
-    ) -> ScanBlock:
-        """Count scans and return their block; `waiting` ones stay behind in this computer."""
-        first = self.delivered + lost
-        self.delivered = first + len(values)
-        return ScanBlock(
-            first_index=first,
-            lost_before=lost,
-            values=values,
-            saturated=saturated,
-            running=not (self.complete or (self.stopped and not waiting)),
-            watchdog_tripped=tripped,
-            depth=0 if self.complete else depth + waiting,
-            read_s=read_s,
-        )

@@ -1,19 +1,16 @@
-"""Feasibility: whether the devices of a profile can do what is asked."""
+"""Feasibility: how a bench is run by its profile, and whether its devices can do what is asked."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.daq import Capabilities, Role
 from hdbench.devices.driver import driver_of
 from hdbench.errors import DeviceError, UsageError
-from hdbench.profile.acquiring import Acquisition
+from hdbench.profile.acquiring import Acquisition, OutputChannel
 from hdbench.profile.schema import ProfileData
-
-if TYPE_CHECKING:
-    from hdbench.devices.host.settings import HostSettings
 
 # periods are decimal numbers: a rate equal to the highest one differs by rounding
 _ROUNDING = 1.0 + 1e-9
@@ -23,6 +20,59 @@ def roles_of(table: Acquisition) -> tuple[Role, ...]:
     """Return the roles of the channels that a table samples, in order."""
     channels = getattr(table, "channels", ())
     return tuple(getattr(channel, "role", channel) for channel in channels)
+
+
+@dataclass(frozen=True, slots=True)
+class HostSettings:
+    """How a bench is run from this computer.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench, for its limits and scales.
+    roles : tuple of Role
+        Channels to sample.
+    watchdog_s : float
+        Host silence after which the device makes its outputs safe, s.
+    output : OutputChannel
+        Limit, pace and slew of a reference that the host writes.
+    max_skew_s : float
+        Largest doubt of the time of a reference that the host writes, on the clock of the samples,
+        s; inf where it does not matter.
+    """
+
+    profile: ProfileData
+    roles: tuple[Role, ...]
+    watchdog_s: float
+    output: OutputChannel
+    max_skew_s: float = math.inf
+
+
+def host_settings(profile: ProfileData, *, watchdog_s: float | None = None) -> HostSettings:
+    """Return the adapter's settings of a profile.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    watchdog_s : float, optional
+        Watchdog time in place of the profile's, s.
+
+    Returns
+    -------
+    HostSettings
+    """
+    table = profile.daq
+    *_, driving = table.part_tables().values()
+    found = getattr(driving, "output", None)
+    limit_v = profile.limits.reference_v
+    return HostSettings(
+        profile,
+        roles_of(table),
+        table.watchdog_s if watchdog_s is None else watchdog_s,
+        found if isinstance(found, OutputChannel) else OutputChannel(limit_v=limit_v),
+        getattr(table, "max_skew_s", math.inf),
+    )
 
 
 def rate_limit_hz(table: Acquisition) -> float:

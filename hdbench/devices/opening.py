@@ -10,8 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hdbench.devices.bench import SafeState
+from hdbench.devices.driver import open_daq
+from hdbench.devices.feasibility import host_settings
+from hdbench.devices.guard.order import order_of
+from hdbench.devices.guard.session import GuardProcess, guard_silence_s
+from hdbench.devices.host.bench import HostedBench
 from hdbench.devices.lock import exclusive, is_line, release
+from hdbench.devices.operator import Simulation
 from hdbench.devices.transactor import is_disturbed
+from hdbench.devices.wire.address import numbered, parse_address
 from hdbench.errors import BusyError, HdbenchError, UsageError
 from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.loader import Profile
@@ -19,8 +26,6 @@ from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
-    from hdbench.devices.guard.bench import GuardedBench
-    from hdbench.devices.host.bench import HostedBench
 
 EMBEDDED = "embedded"
 # the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
@@ -43,7 +48,7 @@ def open_bench(
     record: Path | None = None,
     guard_log: Path | None = None,
     control: str | None = None,
-) -> Iterator[GuardedBench]:
+) -> Iterator[HostedBench]:
     """Open the bench of `profile` for one session.
 
     Parameters
@@ -67,7 +72,7 @@ def open_bench(
 
     Yields
     ------
-    GuardedBench
+    HostedBench
         The bench; made safe is the caller's business, closed it is at the end.
 
     Raises
@@ -81,12 +86,6 @@ def open_bench(
     UsageError
         If the address has another form, or seed or plant are out of their domain.
     """
-    from hdbench.devices.driver import open_daq
-    from hdbench.devices.guard.bench import GuardedBench, GuardProcess, guard_silence_s
-    from hdbench.devices.guard.order import order_of
-    from hdbench.devices.host.settings import host_settings
-    from hdbench.devices.operator import Simulation
-
     data = _data(profile)
     where = address or data.daq.address
     with ExitStack() as stack:
@@ -113,7 +112,7 @@ def open_bench(
         if simulation is not None:
             stack.callback(simulation.close)
         silence_s = guard_silence_s(watchdog_s, data.daq.deadline_s)
-        bench = GuardedBench(
+        bench = HostedBench(
             open_daq(data, data.daq),
             host_settings(data, watchdog_s=watchdog_s),
             start_guard=lambda: GuardProcess(
@@ -175,10 +174,6 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
 
 def made_safe(data: ProfileData) -> SafeState:
     """Make a bench safe through its driver, after checking who answers."""
-    from hdbench.devices.driver import open_daq
-    from hdbench.devices.host.bench import HostedBench
-    from hdbench.devices.host.settings import host_settings
-
     bench = HostedBench(open_daq(data, data.daq), host_settings(data))
     try:
         _check_identity(bench, data)
@@ -227,7 +222,6 @@ def _at(data: ProfileData, found: Mapping[str, object], **changes: object) -> Pr
 
 def _numbered(data: ProfileData) -> ProfileData:
     """Return the profile with numbers of hosts: nothing that moves, locks or guards asks again."""
-    from hdbench.devices.wire.address import numbered, parse_address
 
     def part(table: Any) -> Any:
         update: dict[str, object] = {"address": numbered(table.address)}

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.errors import UsageError
 from hdbench.plant.plantfile import FixtureSpec
 from hdbench.profile.calibrating import Arm
 from hdbench.profile.schema import ProfileData
@@ -154,13 +153,6 @@ class Fixture:
         self, now_s: float, *, locked: bool, position_rad: float, mass_kg: float, direction: int
     ) -> Mount:
         """Lock or release, turn the flexspline, hang a weight."""
-        if not (math.isfinite(position_rad) and 0.0 <= mass_kg < math.inf and direction in (1, -1)):
-            raise UsageError(
-                f"position {position_rad!r} rad, mass {mass_kg!r} kg, direction {direction!r}; "
-                "needed: finite, at least 0, and +1 or -1",
-                where="simulated fixture",
-                fix="give values in their domain",
-            )
         old = self.mount
         same_place = (old.locked, old.position_rad) == (locked, position_rad)
         gain = old.gain_nm_per_v

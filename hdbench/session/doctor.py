@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hdbench.devices import open_bench
 from hdbench.devices.driver import drivers
-from hdbench.devices.guard.bench import GuardedBench
+from hdbench.devices.host.bench import HostedBench
 from hdbench.devices.lock import is_line
 from hdbench.devices.opening import addresses_of
 from hdbench.devices.serial_ports import latency_timer_ms
@@ -159,7 +159,7 @@ def check_bench(profile: Profile, address: str | None) -> list[Finding]:
     return findings
 
 
-def _watched(bench: GuardedBench) -> Iterator[Finding]:
+def _watched(bench: HostedBench) -> Iterator[Finding]:
     able = bench.capabilities()
     if not able.drives:
         yield Finding("watchdog", True, "not needed: this device drives no motor")
@@ -178,6 +178,8 @@ def _watched(bench: GuardedBench) -> Iterator[Finding]:
         guard = bench.start_guard()
     except HdbenchError as error:
         yield Finding("guard", False, error.what, error.fix)
+        return
+    if guard is None:
         return
     guard.end()
     found = f"starts and reaches the device; acts after {guard.silence_s:.2g} s of silence"

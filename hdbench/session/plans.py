@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from hdbench.devices.bench import Operator
 from hdbench.devices.feasibility import check_drives, check_pace, check_tables
 from hdbench.diagnosis.planning.limits import check_motion_plan
 from hdbench.diagnosis.planning.planfile import plan_to_dict
@@ -75,6 +76,10 @@ class Lock:
         """Return the step in words."""
         return "lock the wave generator" if self.locked else "release the wave generator"
 
+    def ask(self, operator: Operator) -> bool:
+        """Ask for it; True when confirmed."""
+        return operator.confirm_lock(locked=self.locked)
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -87,6 +92,10 @@ class Place:
     def describe(self) -> str:
         """Return the step in words."""
         return f"flexspline to {self.position_rad:.4f} rad (position {self.index} of {self.count})"
+
+    def ask(self, operator: Operator) -> bool:
+        """Ask for it; True when confirmed."""
+        return operator.set_position(self.position_rad, index=self.index, count=self.count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +113,13 @@ class Put:
     def describe(self) -> str:
         """Return the step in words."""
         return self.load.describe()
+
+    def ask(self, operator: Operator) -> bool:
+        """Ask for it; True when confirmed."""
+        torque_nm, text = self.load.torque_nm, self.load.text
+        return operator.hang(
+            self.mass_kg, direction=self.direction, expected_nm=torque_nm, step=text
+        )
 
 
 @dataclass(frozen=True, slots=True)

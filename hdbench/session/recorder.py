@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices.bench import Block
+from hdbench.devices.limits import scaled
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.filter.online import block_amplitudes
@@ -24,12 +25,6 @@ from hdbench.session.watching import Frame
 
 _SYNC_S = 0.05  # longest time between two syncs of the journal
 _COUNTS = ("lost", "saturated", "held")
-# columns that a bench without the channel does not have
-_COLUMNS_OF = {
-    "encoder": ("motor_angle_rad", "encoder_count"),
-    "current": ("motor_current_a",),
-    "reference": ("reference_v",),
-}
 
 
 @dataclass(slots=True)
@@ -194,25 +189,3 @@ class TraceRecorder:
             "load_torque_nm": np.full(n, self.load.torque_nm),
             "stage": np.full(n, float(self.stage)),
         }
-
-
-def scaled(block: Block, profile: ProfileData, gain_nm_per_v: float) -> dict[str, FloatArray]:
-    """Return the channels of a block in their units; a lost sample is NaN."""
-    counts = block.encoder_count.astype(np.float64)
-    present = {
-        "motor_velocity_rad_s": block.tacho_v * profile.tacho.gain_rad_s_per_v,
-        "motor_angle_rad": counts * (2.0 * math.pi / profile.encoder.counts_per_turn),
-        "encoder_count": counts,
-        "torque_nm": block.torque_v * gain_nm_per_v,
-        "torque_v": block.torque_v,
-        "tacho_v": block.tacho_v,
-        "motor_current_a": block.motor_current_a,
-        "reference_v": block.reference_v,
-    }
-    missing = {name for role in block.absent for name in _COLUMNS_OF.get(role, ())}
-    lost = np.full(block.lost_before, math.nan)
-    return {
-        name: np.concatenate((lost, values))
-        for name, values in present.items()
-        if name not in missing
-    }

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from hdbench.devices.bench import AcquisitionSettings, Bench, Block, Operator, SafeState
-from hdbench.errors import DeviceError, UsageError
+from hdbench.errors import DeviceError
 from hdbench.records import Trace
 from hdbench.records.counted import JournalSamples, SampleGroup, all_samples, survey_samples
 from hdbench.records.journal import JournalWriter
 from hdbench.session.limits import LimitWatch, SpeedWatch
 from hdbench.session.options import Task
-from hdbench.session.plans import Acquire, Lock, Place, Put, Step
+from hdbench.session.plans import Acquire, Point, Step
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.stop import Aborted, StopSignals
 
@@ -89,35 +89,11 @@ class Runner:
 
     def _step(self, step: Step, number: int) -> None:
         operator, what = self._operator, step.describe()
-        match step:
-            case Lock():
-                self._ask(lambda: operator.confirm_lock(locked=step.locked), what)
-            case Place():
-                self._ask(
-                    lambda: operator.set_position(
-                        step.position_rad, index=step.index, count=step.count
-                    ),
-                    what,
-                )
-            case Put():
-                self._ask(
-                    lambda: operator.hang(
-                        step.mass_kg,
-                        direction=step.direction,
-                        expected_nm=step.load.torque_nm,
-                        step=step.load.text,
-                    ),
-                    what,
-                )
-            case Acquire():
-                self._ask(lambda: operator.confirm_motion(what), "confirm the motion")
-                self._acquire(step, number)
-            case _:
-                raise UsageError(
-                    f"{what}: a load of a calibration in a run with motion",
-                    where=f"step {number + 1} of the plan",
-                    fix="use hdbench calibrate",
-                )
+        if isinstance(step, Acquire):
+            self._ask(lambda: operator.confirm_motion(what), "confirm the motion")
+            self._acquire(step, number)
+        elif not isinstance(step, Point):
+            self._ask(lambda: step.ask(operator), what)
 
     def _ask(self, question: Callable[[], bool], what: str) -> None:
         if self._person:

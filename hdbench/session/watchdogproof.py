@@ -11,13 +11,13 @@ import numpy as np
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings, SafeState
 from hdbench.devices.daq import Daq
-from hdbench.devices.guard.bench import GuardedBench
+from hdbench.devices.host.bench import HostedBench
+from hdbench.devices.limits import scaled
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.errors import HdbenchError, UnsafeError, UsageError
 from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.session.limits import LimitWatch
-from hdbench.session.recorder import scaled
 from hdbench.session.runner import next_block
 from hdbench.session.stop import StopSignals
 
@@ -88,7 +88,7 @@ def prove_watchdog(
     return _judged(creep, watchdog_s, (tripped, after, failed), safe)
 
 
-def _creep(data: ProfileData, bench: GuardedBench, stop: StopSignals) -> float:
+def _creep(data: ProfileData, bench: HostedBench, stop: StopSignals) -> float:
     """Turn the motor and return its speed after half a second, rad/s."""
     level_v = creep_rad_s(data) / data.servo.velocity_gain_rad_s_per_v
     period_s = data.daq.sample_period_s
@@ -108,7 +108,7 @@ def _creep(data: ProfileData, bench: GuardedBench, stop: StopSignals) -> float:
     return last
 
 
-def _be_silent(bench: GuardedBench, silence_s: float, stop: StopSignals) -> None:
+def _be_silent(bench: HostedBench, silence_s: float, stop: StopSignals) -> None:
     if bench.guard is not None:
         bench.guard.watch("end-only")
     bench.fall_silent()

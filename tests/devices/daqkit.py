@@ -8,12 +8,11 @@ from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import (
     Capabilities,
     InputInfo,
-    OutputInfo,
     ScanBlock,
     WatchdogInfo,
     WatchdogState,
 )
-from hdbench.devices.host.settings import HostSettings
+from hdbench.devices.feasibility import HostSettings
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import OutputChannel
@@ -30,11 +29,10 @@ ABLE = Capabilities(
     ),
     max_rates_hz=(10_000.0, 5_000.0, 2_500.0, 2_000.0, 1_500.0),
     min_rate_hz=1.0,
-    outputs=(OutputInfo("reference", -10.0, 10.0, 0.001, 0.001),),
+    reference=True,
     generator=False,
     enable=True,
-    watchdog=WatchdogInfo(0.1, 5.0, 0.1, "write", ("reference", "enable"), latches=True),
-    simulated=True,
+    watchdog=WatchdogInfo(0.1, 5.0, "write", ("reference", "enable")),
 )
 _BENCH = load_profile("cim-tr-97-06").data
 _LIMITS = {"velocity_rad_s": 400.0, "torque_nm": 60.0, "current_a": 10.0}

@@ -17,8 +17,8 @@ import numpy as np
 from faults.lines import emulated
 
 from hdbench.devices.emulator.node import build_core
+from hdbench.devices.feasibility import host_settings
 from hdbench.devices.host.bench import HostedBench
-from hdbench.devices.host.settings import host_settings
 from hdbench.devices.node.access import NodeAccess, node_probe
 from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.wire.address import parse_address

@@ -18,7 +18,7 @@ from hdbench.profile.loader import parse_profile
 from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)
-INPUTS = replace(ABLE, outputs=(), watchdog=None, enable=False)
+INPUTS = replace(ABLE, reference=False, watchdog=None, enable=False)
 OUTPUTS = replace(ABLE, inputs=(), max_rates_hz=())
 
 
@@ -33,7 +33,7 @@ def test_inputs_come_from_the_one_and_outputs_and_watchdog_from_the_other():
     able = both.capabilities()
     assert able.inputs == ABLE.inputs
     assert able.max_rates_hz == ABLE.max_rates_hz
-    assert able.outputs == ABLE.outputs
+    assert able.reference == ABLE.reference
     assert able.watchdog == ABLE.watchdog
     assert able.guarded
 

@@ -20,11 +20,12 @@ from stopwatch import Stopwatch
 
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.guard import bench as launching
-from hdbench.devices.guard.bench import GuardedBench, GuardProcess, guard_silence_s
+from hdbench.devices.guard import session as launching
 from hdbench.devices.guard.order import Look, as_json, order_of
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
+from hdbench.devices.guard.session import GuardProcess, guard_silence_s
+from hdbench.devices.host.bench import HostedBench
 from hdbench.devices.wire.link import FrameError, read_registers, write_register
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError
@@ -45,7 +46,7 @@ def profile_at(address):
 
 def guarding(bench, start_guard):
     """Return the same device with a guard."""
-    return GuardedBench(bench.daq, bench.settings, start_guard=start_guard)
+    return HostedBench(bench.daq, bench.settings, start_guard=start_guard)
 
 
 @contextmanager

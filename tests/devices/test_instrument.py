@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, WORN, profile, quiet_profile
 
-from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.instrument import SimulatedInstrument, device_clock
 from hdbench.errors import UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.schema import ReferenceWave
@@ -193,7 +193,7 @@ def test_hours_of_writing_take_no_memory():
 
 def test_device_time_runs_at_its_speed():
     now = [10.0]
-    clock = DeviceClock(8.0, 10.0, lambda: now[0])
+    clock = device_clock(8.0, clock=lambda: now[0])
     now[0] = 12.5
     assert clock() == 20.0
 

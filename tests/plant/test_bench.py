@@ -343,13 +343,6 @@ def test_an_extended_model_is_emulated_with_its_causes() -> None:
     assert len(bench.advance(100)) == 100
 
 
-@pytest.mark.parametrize(("period_s", "duration_s"), [(0.0, 1.0), (1e-3, math.nan), (-1.0, 1.0)])
-def test_an_acquisition_without_a_time_is_refused(period_s: float, duration_s: float) -> None:
-    bench = SimulatedBench(NOISY, AS_MODELLED, 1)
-    with pytest.raises(UsageError, match="needed: positive"):
-        bench.begin(sample_period_s=period_s, wave=None, duration_s=duration_s)
-
-
 def test_samples_before_an_acquisition_are_refused() -> None:
     with pytest.raises(UsageError, match="begun"):
         SimulatedBench(NOISY, AS_MODELLED, 1).advance(1)

@@ -7,10 +7,9 @@ import pytest
 from plant_tools import AS_MODELLED, quiet_profile
 
 from hdbench.model import BenchModel, CauseTerm, catalogue
-from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.bench import SimulatedBench, cause_volts
 from hdbench.plant.converter import HALF_LENGTH_SAMPLES
 from hdbench.plant.fixture import ArmLoad, Mount
-from hdbench.plant.modelcauses import cause_volts
 from hdbench.plant.plantfile import FixtureSpec
 from hdbench.plant.timeline import AnalogueChannels
 from hdbench.profile.schema import ReferenceWave

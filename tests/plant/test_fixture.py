@@ -9,7 +9,6 @@ import pytest
 from plant_tools import AS_MODELLED, plant, profile, quiet_profile
 from scipy.stats import chi2
 
-from hdbench.errors import UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.fixture import ArmLoad, PositionGain
 from hdbench.plant.plantfile import FixtureSpec
@@ -131,15 +130,3 @@ def test_one_clamping_repeats_within_the_plant_files_share() -> None:
     # chi-square with 200 degrees of freedom, false alarm 1e-6 on either side
     total = float(np.sum(np.square(found))) / spread**2
     assert chi2.ppf(1e-6, 200) < total < chi2.ppf(1 - 1e-6, 200)
-
-
-@pytest.mark.parametrize(
-    ("position", "mass", "direction"),
-    [(math.nan, 1.0, 1), (0.0, -1.0, 1), (0.0, math.nan, 1), (0.0, 1.0, 0)],
-)
-def test_a_fixture_out_of_its_domain_is_refused(
-    position: float, mass: float, direction: int
-) -> None:
-    bench = SimulatedBench(profile(), AS_MODELLED, 7)
-    with pytest.raises(UsageError, match="needed: finite, at least 0"):
-        bench.set_fixture(locked=True, position_rad=position, mass_kg=mass, direction=direction)

@@ -25,8 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from faults import replies
 from hdbench.devices.bench import AcquisitionSettings
+from hdbench.devices.feasibility import host_settings
 from hdbench.devices.host.bench import HostedBench
-from hdbench.devices.host.settings import host_settings
 from hdbench.devices.node.driver import open_node
 from hdbench.filter import preset
 from hdbench.records.counted import survey_samples

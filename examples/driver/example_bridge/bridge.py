@@ -14,9 +14,9 @@ import time
 import numpy as np
 import serial
 
+from hdbench.devices.base import DeviceBase
 from hdbench.devices.bench import Identity
-from hdbench.devices.daq import Capabilities, InputInfo, InputsOnly, ScanBlock, clean_text
-from hdbench.errors import DeviceError
+from hdbench.devices.daq import Capabilities, InputInfo, ScanBlock, clean_text
 
 from .table import BridgeTable
 
@@ -25,12 +25,13 @@ MAX_RATE_HZ, RANGE_V = 100.0, 10.0
 _TRIES = (0.5, 1.0)
 
 
-class BridgeDaq(InputsOnly):
+class BridgeDaq(DeviceBase):
     """Driver of one amplifier; `table` is ``[daq]`` of the profile."""
 
     def __init__(self, table):
+        super().__init__(table.address)
         self._table = table
-        self._port = self._identity = None
+        self._port = None
         self._wanted = self._next = 0
 
     def capabilities(self):
@@ -39,17 +40,7 @@ class BridgeDaq(InputsOnly):
             inputs=(InputInfo("torque", -RANGE_V, RANGE_V, bits=24),),
             max_rates_hz=(MAX_RATE_HZ,),
             min_rate_hz=1.0,
-            simulated=self.identity().simulated,
         )
-
-    def identity(self):
-        """Return who answers; nothing is written before that is the device meant."""
-        if self._identity is None:
-            said = self._ask("*IDN?").split(",")
-            if len(said) != 4 or said[:2] != ["Example", "BR-1"]:
-                raise self._error(f"{','.join(said)!r} answers; needed: Example,BR-1")
-            self._identity = Identity(*said, simulated=said[2].startswith("sim-"))
-        return self._identity
 
     def configure(self, settings):
         """Set the sampling period and return it, s."""
@@ -98,6 +89,13 @@ class BridgeDaq(InputsOnly):
             self._port.close()
             self._port = None
 
+    def _who(self):
+        """Return who answers; nothing is written before that is the device meant."""
+        said = self._ask("*IDN?").split(",")
+        if len(said) != 4 or said[:2] != ["Example", "BR-1"]:
+            raise self._fault(f"{','.join(said)!r} answers; needed: Example,BR-1")
+        return Identity(*said, simulated=said[2].startswith("sim-"))
+
     def _ask(self, command):
         """Return the answer to a command; a line that answers another one is dropped."""
         start_s, deadline_s = time.monotonic(), self._table.deadline_s
@@ -114,11 +112,11 @@ class BridgeDaq(InputsOnly):
                         return line.partition("=")[2]
         except (OSError, ValueError) as error:
             self.close()
-            raise self._error(f"the port failed ({error})") from error
-        raise self._error(f"no answer to {command!r} in {deadline_s:g} s")
+            raise self._fault(f"the port failed ({error})") from error
+        raise self._fault(f"no answer to {command!r} in {deadline_s:g} s")
 
-    def _error(self, what):
-        return DeviceError(what, where=self._table.address, fix="check cable, power and bit rate")
+    def _fault(self, what):
+        return self.error(what, "check cable, power and bit rate")
 
 
 def probe(path):

@@ -9,7 +9,7 @@ It has, in volts and levels:
   the drive. The drive follows the reference only while the line is on; switched off it brakes to
   standstill within its limits, whatever stands at its reference input.
 
-Time is that of the `clock` handed in, in seconds, and passes by itself. `DeviceClock` is the
+Time is that of the `clock` handed in, in seconds, and passes by itself. `device_clock` is the
 monotonic clock, or a multiple of it for an accelerated pace; a host that is to keep up with an
 accelerated device needs the same multiple for its own reference program and nothing else (deadlines
 on the wire and watchdogs stay in real time). What is written takes effect at the next hold, that is
@@ -17,7 +17,7 @@ within one sampling period.
 
 How a device uses it::
 
-    instrument = SimulatedInstrument(bench, counts_per_turn, clock=DeviceClock(speed=1.0))
+    instrument = SimulatedInstrument(bench, counts_per_turn, clock=device_clock())
     instrument.write_enable(on=True)
     instrument.write_reference(1.5)
     instrument.begin(sample_period_s=1e-3)      # a scan clock starts
@@ -63,27 +63,12 @@ _MAX_IDLE_SAMPLES = 1000
 _STANDSTILL_RAD_S = 4e-4
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceClock:
-    """A clock that runs `speed` times as fast as the monotonic one, from 0.
-
-    Parameters
-    ----------
-    speed : float
-        Device seconds per second, above 0.
-    start_s : float
-        Monotonic time of its zero, s; default 0.
-    clock : callable
-        Monotonic clock, s.
-    """
-
-    speed: float = 1.0
-    start_s: float = 0.0
-    clock: Callable[[], float] = time.monotonic
-
-    def __call__(self) -> float:
-        """Return device time, s."""
-        return self.speed * (self.clock() - self.start_s)
+def device_clock(
+    speed: float = 1.0, *, clock: Callable[[], float] = time.monotonic
+) -> Callable[[], float]:
+    """Return a clock that runs `speed` times as fast as another, from 0 now on."""
+    start_s = clock()
+    return lambda: speed * (clock() - start_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,13 +89,6 @@ class Memory:
     def hold(self, address: int, kind: Kind, value: float = 0, **access: Any) -> Cell:
         """Add a holding register; `access` is the rest of `Cell`."""
         return self.add(Cell(Register("", address, kind), value, **access))
-
-    def hold_all(
-        self, addresses: Iterable[int], kind: Kind, value: float = 0, **access: Any
-    ) -> None:
-        """Add holding registers of one kind."""
-        for address in addresses:
-            self.hold(address, kind, value, **access)
 
     def value(self, address: int) -> float:
         """Return what a holding register holds."""

@@ -18,7 +18,7 @@ from typing import IO, Annotated, Any, Literal, Protocol
 from pydantic import Field, ValidationError
 
 from hdbench.devices.driver import driver_of
-from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument, Terminal
+from hdbench.devices.emulator.instrument import SimulatedInstrument, Terminal, device_clock
 from hdbench.devices.emulator.machine import Pace
 from hdbench.devices.emulator.server import Device, ModbusServer, Wire
 from hdbench.errors import DeviceError, StorageError, UsageError
@@ -301,7 +301,7 @@ class Emulation:
         return SimulatedInstrument(
             self.bench,
             self.profile.encoder.counts_per_turn,
-            clock=DeviceClock(self.speed, time.monotonic()),
+            clock=device_clock(self.speed),
             record=self.record,
         )
 

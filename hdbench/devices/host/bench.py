@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +22,16 @@ from hdbench.devices.daq import (
     ScanBlock,
     repeats_of,
 )
-from hdbench.devices.feasibility import check_demands
+from hdbench.devices.feasibility import HostSettings, check_demands
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
-from hdbench.devices.host.settings import HostSettings, crossed_limit
+from hdbench.devices.limits import crossed_limit, scaled
 from hdbench.devices.safestate import wait_for_standstill
 from hdbench.errors import DeviceError, HdbenchError
 from hdbench.records.trace import FloatArray
+
+if TYPE_CHECKING:
+    from hdbench.devices.guard.session import GuardProcess, Watch
+    from hdbench.devices.operator import Simulation
 
 # at the end of its range the amplifier limits the current, not the converter; a count has no end
 _CONVERTED: tuple[Role, ...] = ("torque", "tacho", "reference")
@@ -196,11 +201,17 @@ class HostedBench:
         Monotonic clock in s, and waiting.
     speed : float, optional
         Device seconds per second; other than 1 for an accelerated emulator only.
+    start_guard : callable, optional
+        Starts a guard, once, when the first motion is configured; it lives until the safe state.
+    simulation : Simulation, optional
+        Control channel of a simulated bench; whatever the device says, without it it is a real one.
     """
 
     daq: Daq
     settings: HostSettings
     _: KW_ONLY
+    start_guard: Callable[[], GuardProcess | None] = lambda: None
+    simulation: Simulation | None = None
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
     speed: float = 1.0
@@ -215,9 +226,14 @@ class HostedBench:
         self._channels: ChannelMap | None = None
         self._samples: SampleClock | None = None
         self._start_s = 0.0
+        self.guard: GuardProcess | None = None
+        self._moves = False
 
     def configure(self, settings: AcquisitionSettings) -> None:
-        """Check what is asked against what the device can, write it, and read it back."""
+        """Check what is asked against what the device can, write it, and read it back.
+
+        Before the first motion the guard is started.
+        """
         able = self.daq.capabilities()
         check_demands(settings, self.settings, able)
         self._asked, self._reference = settings, None
@@ -247,14 +263,18 @@ class HostedBench:
                 where="key daq.sample_period_s",
                 fix="choose a period that the device's clock divides into",
             )
+        self._moves = settings.reference is not None
+        if self._moves and self.guard is None:
+            self.guard = self.start_guard()
 
     def start(self) -> None:
-        """Start sampling and, with a reference, the motion."""
+        """Start sampling and, with a reference, the motion under the guard's eyes."""
         asked = self._asked
         if asked is None:
             raise DeviceError(
                 "no acquisition is configured", where="bench", fix="configure it first"
             )
+        self._watch("patiently")
         if self._reference is not None:
             self.daq.arm_watchdog(self.settings.watchdog_s)
             self.daq.write_output("reference", 0.0)
@@ -279,9 +299,22 @@ class HostedBench:
                 speed=self.speed,
             )
             self._control.start(after_s)
+        self._watch("closely")
 
     def read_block(self) -> Block | None:
-        """Return the next samples; None when none is ready yet."""
+        """Return the next samples; None when none is ready yet. Each return is a sign of life."""
+        try:
+            block = self._read()
+        except DeviceError:
+            if self.guard is not None:
+                # what the device refuses may be the guard's doing: then this raises
+                self.guard.check()
+            raise
+        if self.guard is not None:
+            self.guard.beat()
+        return block
+
+    def _read(self) -> Block | None:
         if self._channels is None or self._samples is None:
             raise DeviceError(
                 "no acquisition has been started", where="bench", fix="start it first"
@@ -296,8 +329,7 @@ class HostedBench:
         if scans is not None:
             block = self._channels.block(scans, self._start_s, repeats_of(self.daq))
         if control is not None:
-            profile = self.settings.profile
-            crossed = self._doubt() or (crossed_limit(block, profile) if block else "")
+            crossed = self._doubt() or self._crossed(block)
             if crossed:
                 control.crossed(crossed)
             control.seen()
@@ -305,6 +337,11 @@ class HostedBench:
 
     def stop(self) -> None:
         """Stop normally: reference zero, standstill, enable off; then sampling ends."""
+        self._watch("patiently")
+        self._halt()
+        self._watch("end-only")
+
+    def _halt(self) -> None:
         control = self._control
         if control is None:
             self.daq.stop()
@@ -337,7 +374,23 @@ class HostedBench:
             self._control.halt()
 
     def safe_state(self) -> SafeState:
-        """Make the bench safe from any state; never raises."""
+        """Make the bench safe from any state; the guard goes once that is confirmed.
+
+        Never raises.
+        """
+        try:
+            if self.guard is not None:
+                self.guard.watch("patiently")
+        except DeviceError:
+            # what it has to say was said, or will be, elsewhere; the motor comes first
+            self._moves = False
+        safe = self._made_safe()
+        if safe.confirmed and self.guard is not None:
+            self.guard.end()
+            self.guard = None
+        return safe
+
+    def _made_safe(self) -> SafeState:
         control, self._control = self._control, None
         self._asked, self._channels = None, None
         ended = control is None or control.halt()
@@ -360,10 +413,18 @@ class HostedBench:
         return replace(safe, confirmed=not why, velocity_rad_s=speed, detail=detail)
 
     def close(self) -> None:
-        """Close the connection; never raises."""
+        """Close the connection; a guard that is still there stops the motor. Never raises."""
         if self._control is not None:
             self._control.halt()
         self.daq.close()
+        if self.guard is not None:
+            self.guard.abandon()
+            self.guard = None
+
+    def _watch(self, how: Watch) -> None:
+        """Say to the guard of a motion how closely it is to watch from now on."""
+        if self.guard is not None and self._moves:
+            self.guard.watch(how)
 
     def _standstill(self, sleep: Callable[[float], None]) -> tuple[float | None, str]:
         return wait_for_standstill(self.daq, self.settings.profile, self.clock, sleep)
@@ -377,6 +438,15 @@ class HostedBench:
             f"the samples' times are in doubt by {doubt_s:.3f} s against the motor reference; "
             f"allowed {self.settings.max_skew_s:g} s"
         )
+
+    def _crossed(self, block: Block | None) -> str:
+        """Return which limit the newest samples have crossed."""
+        if block is None:
+            return ""
+        profile = self.settings.profile
+        rows = scaled(block, profile, profile.sensor.gain_nm_per_v)
+        what, sample = crossed_limit(block, rows, profile.limits) or ("", 0)
+        return what and f"{what} at sample {sample}"
 
     def _feeding_sleep(self, seconds: float) -> None:
         """Keep the watchdog fed while the motor comes to rest under the drive's control."""

@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 
-from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.base import DeviceBase
+from hdbench.devices.bench import Identity
 from hdbench.devices.daq import (
     Capabilities,
     DaqSettings,
-    OutputInfo,
     Role,
     ScanBlock,
     WatchdogInfo,
-    WatchdogState,
 )
 from hdbench.devices.driver import Driver, later
 from hdbench.devices.guard.order import Check, Look, Target, target_at
@@ -31,11 +29,10 @@ from hdbench.devices.modbus.layout import (
     plan_blocks,
     write_request,
 )
-from hdbench.devices.modbus.outputs import Outputs, Watchdog, output_range_v, output_step_v
+from hdbench.devices.modbus.outputs import Outputs, output_step_v
 from hdbench.devices.registers import Register, encode
-from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire.address import parse_address, serial_settings
-from hdbench.errors import DeviceError, ProfileError, UsageError
+from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusWrite
 from hdbench.profile.schema import ProfileData
 
@@ -49,25 +46,17 @@ _MIN_RATE_HZ = 1.0 / 600.0
 _LOOK_S = 0.1
 
 
-def describe_abilities(table: ModbusAcquisition, *, simulated: bool) -> Capabilities:
+def describe_abilities(table: ModbusAcquisition) -> Capabilities:
     """Return the abilities."""
-    inputs_only = Capabilities(
+    output = table.output
+    dog = None if output is None else output.watchdog
+    return Capabilities(
         inputs=tuple(input_info(table, channel) for channel in table.channels),
         max_rates_hz=max_rates_hz(table),
         min_rate_hz=_MIN_RATE_HZ,
-        simulated=simulated,
-    )
-    output = table.output
-    if output is None:
-        return inputs_only
-    dog, write_s = output.watchdog, 2.0 * exchange_s(table, 2)
-    return replace(
-        inputs_only,
-        outputs=(OutputInfo("reference", *output_range_v(output), output_step_v(output), write_s),),
-        enable=output.enable is not None,
-        watchdog=None
-        if dog is None
-        else WatchdogInfo(dog.min_s, dog.max_s, dog.unit_s, dog.fed_by, dog.drops, dog.latches),
+        reference=output is not None,
+        enable=output is not None and output.enable is not None,
+        watchdog=None if dog is None else WatchdogInfo(dog.min_s, dog.max_s, dog.fed_by, dog.drops),
     )
 
 
@@ -141,7 +130,7 @@ def _same(write: ModbusWrite, found: float | int) -> bool:
         return False
 
 
-class ModbusDaq:
+class ModbusDaq(DeviceBase[Polling]):
     """Driver of one device; implements `hdbench.devices.daq.Daq`.
 
     The device is owned by the driver from now on; `table` is ``[daq]`` of the profile, or one part
@@ -149,99 +138,47 @@ class ModbusDaq:
     """
 
     def __init__(self, access: Access, table: ModbusAcquisition) -> None:
+        outputs = None if table.output is None else Outputs(access, table, table.output)
+        super().__init__(access.where, outputs, access)
         self._access = access
         self.close = access.close
         self._table = table
-        self._outputs = None if table.output is None else Outputs(access, table, table.output)
-        self._identity: Identity | None = None
-        self._polling: Polling | None = None
         self._tripped = False
         self._looked_s = 0.0
 
-    @property
-    def repeats(self) -> int:
-        """Requests that were sent again so far."""
-        return self._access.repeats
-
     def capabilities(self) -> Capabilities:
         """Return what the device can do as the profile describes it."""
-        return describe_abilities(self._table, simulated=self.identity().simulated)
-
-    def identity(self) -> Identity:
-        """Return who answers; asked once, before anything is written."""
-        if self._identity is None:
-            self._identity = check_identity(self._access, self._table)
-        return self._identity
-
-    def claim(self) -> None:
-        """Check who answers: Modbus knows no sessions, so hosts on other machines are not seen."""
-        self.identity()
+        return describe_abilities(self._table)
 
     def configure(self, settings: DaqSettings) -> float:
         """Make the outputs safe, write settings that differ, and return the sample period, s."""
         self.identity()
-        self._polling = None
+        self._drop_acquisition()
         self._tripped = False
         self._make_safe()
         set_up(self._access, self._table)
         if settings.roles:
             inputs = Inputs(self._access, self._table, settings.roles)
-            self._polling = Polling(inputs, settings)
+            self._acquisition = Polling(inputs, settings)
         return settings.sample_period_s
 
     def start(self) -> None:
         """Begin to poll; a device without channels has nothing to start."""
-        if self._polling is None:
-            raise self._error("no acquisition is configured", "configure it first")
-        self._polling.start()
+        self._configured().begin()
 
     def read_block(self) -> ScanBlock | None:
         """Return the next reading; None when none is due yet, or the device had none."""
-        if self._polling is None or not self._polling.started:
-            raise self._error("no acquisition has been started", "start it first")
-        if self._watchdog is not None and not time.monotonic() - self._looked_s < _LOOK_S:
+        polling = self._running()
+        guarded = self.outputs is not None and self.outputs.watchdog is not None
+        if guarded and not time.monotonic() - self._looked_s < _LOOK_S:
             self._looked_s = time.monotonic()
-            self._tripped = self._watchdog.state().tripped
-        return self._polling.next_block(tripped=self._tripped)
+            self._tripped = self.watchdog().tripped
+        return polling.next_block(tripped=self._tripped)
 
     def stop(self) -> None:
         """Poll no more."""
-        if self._polling is not None:
-            self._polling.stopped = True
-
-    def write_output(self, name: str, value: float) -> float:
-        """Write the motor reference once and return what is read back, V."""
-        if name != "reference":
-            raise UsageError(
-                f"no output {name!r}; a Modbus table has one, reference",
-                where=self._access.where,
-                fix="name the output reference",
-            )
-        return self._driving().write(value)
-
-    def enable(self, *, on: bool) -> bool:
-        """Switch the drive's enable line and return what is read back."""
-        return self._driving().enable(on=on)
-
-    def arm_watchdog(self, time_s: float) -> float:
-        """Set its time where it differs, clear a trip, feed it, and return its time, s."""
-        return self._guard().arm(time_s)
-
-    def feed_watchdog(self) -> None:
-        """Feed it once."""
-        self._guard().feed()
-
-    def watchdog(self) -> WatchdogState:
-        """Return its state as read from the device; not armed where there is none."""
-        if self._watchdog is None:
-            return WatchdogState(armed=False, tripped=False, time_s=0.0)
-        return self._watchdog.state()
-
-    def clear_watchdog(self) -> None:
-        """Make the outputs safe, then clear a trip."""
-        self._make_safe()
-        if self._watchdog is not None:
-            self._watchdog.clear()
+        if self._acquisition is not None:
+            self._acquisition.stopped = True
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return one reading of every channel; empty where there is none, or it is invalid."""
@@ -251,56 +188,8 @@ class ModbusDaq:
         reading = Inputs(self._access, self._table, roles).read()
         return {} if reading.doubt else dict(zip(roles, reading.values, strict=True))
 
-    def safe_state(self) -> SafeState:
-        """Bring the reference to zero and the enable off, read back twice; never raises.
-
-        Notes
-        -----
-        Another device at this address is never written to: the safe state is not confirmed then.
-        """
-        self._polling = None
-        outputs, output = self._outputs, self._table.output
-        if outputs is None or output is None:
-            return SafeState(True, None, None, "the device drives nothing")
-
-        def stop() -> None:
-            self.identity()
-            outputs.zero()
-
-        def disable() -> bool:
-            self.identity()
-            return outputs.switch_off()
-
-        return reach_safe_state(
-            stop=stop,
-            look=lambda: Seen(outputs.read_back()),
-            disable=disable,
-            zero_v=outputs.zero_v,
-            brake_s=output.brake_s,
-        )
-
-    def _make_safe(self) -> None:
-        if self._outputs is not None:
-            self._outputs.make_safe()
-
-    @property
-    def _watchdog(self) -> Watchdog | None:
-        return None if self._outputs is None else self._outputs.watchdog
-
-    def _driving(self) -> Outputs:
-        if self._outputs is None:
-            raise self._error("the profile names no output", "add [daq.output]")
-        return self._outputs
-
-    def _guard(self) -> Watchdog:
-        if self._watchdog is None:
-            raise self._error(
-                "the profile names no watchdog", "add [daq.output.watchdog], or drive nothing"
-            )
-        return self._watchdog
-
-    def _error(self, what: str, fix: str) -> DeviceError:
-        return DeviceError(what, where=self._access.where, fix=fix)
+    def _who(self) -> Identity:
+        return check_identity(self._access, self._table)
 
 
 # data of a reply stand behind function code and byte count

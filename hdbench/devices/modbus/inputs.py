@@ -8,14 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdbench.devices.base import WAIT_S, StreamedAcquisition
 from hdbench.devices.daq import DaqSettings, InputInfo, Role, ScanBlock
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.registers import range_of, size_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
-
-# longest wait of one call, s
-_WAIT_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +109,7 @@ def _doubt(channel: ModbusChannel, raw: float | int, state: int | None) -> str:
     return f"the status word of {channel.role} reads 0x{state & status.mask:X}"
 
 
-@dataclass(slots=True)
-class Polling:
+class Polling(StreamedAcquisition):
     """Delivers one reading per period, each with its time.
 
     Reading k is due at start + k period. It belongs to the index whose due time is nearest to the
@@ -120,59 +117,47 @@ class Polling:
     so is one whose reading the device itself calls invalid.
     """
 
-    inputs: Inputs
-    settings: DaqSettings
-    started: bool = False
-    stopped: bool = False
-    _start_s: float = 0.0
-    _next: int = 0
-    _untold: int = 0
+    def __init__(self, inputs: Inputs, settings: DaqSettings) -> None:
+        super().__init__(settings.n_samples, settings.sample_period_s)
+        self._inputs = inputs
+        self._n_roles = len(settings.roles)
+        self._start_s = 0.0
+        self._next = 0
 
-    @property
-    def sampling(self) -> bool:
-        """Whether readings are still to come."""
-        return self.started and not self.stopped and self._next < self.settings.n_samples
-
-    def start(self) -> None:
+    def begin(self) -> None:
         """Begin: index 0 is due now."""
-        self.started = True
+        super().begin()
         self._start_s = time.monotonic()
 
     def next_block(self, *, tripped: bool) -> ScanBlock | None:
         """Return the next reading; None when none is due yet, or it was invalid."""
-        period_s, n_samples = self.settings.sample_period_s, self.settings.n_samples
         now_s = time.monotonic()
-        if not self.sampling:
+        if self.stopped or self._next >= self._n_samples:
             return self._block(None, (now_s, now_s), tripped=tripped)
-        wait_s = self._start_s + self._next * period_s - now_s
+        wait_s = self._start_s + self._next * self._packet_s - now_s
         if wait_s > 0.0:
-            time.sleep(min(wait_s, _WAIT_S))
-            if wait_s > _WAIT_S:
+            time.sleep(min(wait_s, WAIT_S))
+            if wait_s > WAIT_S:
                 return None
-        reading = self.inputs.read()
+        reading = self._inputs.read()
         read_s = (reading.before_s, reading.after_s)
-        index = max(self._next, round((0.5 * sum(read_s) - self._start_s) / period_s))
-        self._untold += min(index, n_samples) - self._next
-        self._next = min(index + 1, n_samples)
-        if index < n_samples and reading.doubt:
-            self._untold += 1
+        index = max(self._next, round((0.5 * sum(read_s) - self._start_s) / self._packet_s))
+        in_time = index < self._n_samples
+        self._next = min(index + 1, self._n_samples)
+        if in_time and reading.doubt:
             return None
-        return self._block(reading if index < n_samples else None, read_s, tripped=tripped)
+        return self._block(reading if in_time else None, read_s, tripped=tripped)
 
     def _block(
         self, reading: Reading | None, read_s: tuple[float, float], *, tripped: bool
     ) -> ScanBlock:
-        """Return one reading, or an empty block, with which losses at the end are told."""
-        lost, self._untold = self._untold, 0
-        shape = (0 if reading is None else 1, len(self.settings.roles))
-        return ScanBlock(
-            first_index=self._next - shape[0],
-            lost_before=lost,
-            values=np.reshape(() if reading is None else reading.values, shape).astype(np.float64),
-            saturated=np.reshape(() if reading is None else reading.saturated, shape).astype(bool),
-            running=self.sampling,
-            watchdog_tripped=tripped,
-            depth=0,
-            read_s=read_s,
+        """Return one reading, or an empty block, with what was lost before it."""
+        shape = (0 if reading is None else 1, self._n_roles)
+        return self._delivered(
+            np.reshape(() if reading is None else reading.values, shape).astype(np.float64),
+            np.reshape(() if reading is None else reading.saturated, shape).astype(bool),
+            read_s,
+            lost=self._next - shape[0] - self.delivered,
+            tripped=tripped,
             time_s=np.full(shape[0], 0.5 * sum(read_s)),
         )

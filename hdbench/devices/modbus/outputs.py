@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hdbench.devices.daq import WatchdogState, check_disabled, check_reference
+from hdbench.devices.base import HostOutputs
+from hdbench.devices.daq import WatchdogState
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import fits, place_of
 from hdbench.devices.registers import Register, range_of
@@ -117,7 +118,7 @@ class Watchdog:
             self._access.write(place, write.value, write.function)
 
 
-class Outputs:
+class Outputs(HostOutputs):
     """Writes the outputs that the profile lists, and nothing else.
 
     Parameters
@@ -128,30 +129,26 @@ class Outputs:
         ``[daq]``.
     output : ModbusOutput
         ``[daq.output]``.
-
-    Attributes
-    ----------
-    watchdog : Watchdog or None
-        The watchdog that lives in the device.
     """
 
     def __init__(self, access: Access, table: ModbusAcquisition, output: ModbusOutput) -> None:
+        self._place = place_of(table, output)
+        # what still counts as zero, V: one step; of a float, less than moves any motor
+        super().__init__(
+            access.where,
+            self._place.name,
+            output_range_v(output),
+            zero_v=max(output_step_v(output), 1e-6),
+            brake_s=output.brake_s,
+        )
         self._access = access
         self._output = output
-        self._place = place_of(table, output)
         self._back: Register = (
             self._place if output.read_back is None else place_of(table, output.read_back)
         )
         self._enable = None if output.enable is None else place_of(table, output.enable)
         spec = output.watchdog
-        self.watchdog = None if spec is None else Watchdog(access, table, spec)
-        # what still counts as zero, V: one step; of a float, less than moves any motor
-        self.zero_v = max(output_step_v(output), 1e-6)
-
-    def make_safe(self) -> None:
-        """Bring the reference to zero and switch the enable line off."""
-        self.zero()
-        check_disabled(self._access.where, on=not self.switch_off())
+        self.watchdog: Watchdog | None = None if spec is None else Watchdog(access, table, spec)
 
     def zero(self) -> None:
         """Bring the reference to zero, past a watchdog that rests."""
@@ -159,17 +156,14 @@ class Outputs:
             if abs(self.read_back()) <= self.zero_v:
                 return
             self.watchdog.clear()
-        self.write(0.0)
+        super().zero()
 
     def switch_off(self) -> bool:
         """Switch the enable line off and return whether it reads as off."""
         rests = self.watchdog is not None and self.watchdog.rests()
-        return (rests and not self.enabled()) or not self.enable(on=False)
+        return (rests and not self.enabled()) or super().switch_off()
 
-    def write(self, value: float) -> float:
-        """Write the reference once and return what is read back, V."""
-        ends = output_range_v(self._output)
-        check_reference(value, ends, self._access.where, self._place.name)
+    def _put(self, value: float) -> float:
         raw = (value - self._output.offset) / self._output.scale
         place, function = self._place, self._output.function
         answered = was_answered(lambda: self._access.write(place, raw, function))

@@ -117,12 +117,9 @@ class NodeDaq:
             watchdog=WatchdogInfo(
                 min_s=1e-3 * float(limits["watchdog_min_ms"]),
                 max_s=1e-3 * float(limits["watchdog_max_ms"]),
-                step_s=1e-3,
                 fed_by="heartbeat",
                 drops=("reference", "enable"),
-                latches=True,
             ),
-            simulated=self.identity().simulated,
         )
 
     def claim(self) -> None:

@@ -8,12 +8,12 @@ from typing import NoReturn
 
 import numpy as np
 
-from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.base import DeviceBase
+from hdbench.devices.bench import Identity
 from hdbench.devices.daq import (
     Capabilities,
     DaqSettings,
     InputInfo,
-    InputsOnly,
     Role,
     ScanBlock,
     clean_text,
@@ -32,7 +32,7 @@ from hdbench.drivers.dataq.scans import (
     plan_scan,
 )
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
-from hdbench.errors import DeviceError, HdbenchError
+from hdbench.errors import DeviceError
 from hdbench.profile.schema import ProfileData
 
 # the name that hdbench's own emulator has
@@ -92,7 +92,7 @@ def _version(text: str) -> str:
         return text
 
 
-def describe_abilities(table: DataqAcquisition, *, simulated: bool) -> Capabilities:
+def describe_abilities(table: DataqAcquisition) -> Capabilities:
     """Return the abilities."""
     model = MODELS[table.model]
     roles = tuple(channel.role for channel in table.channels)
@@ -101,7 +101,6 @@ def describe_abilities(table: DataqAcquisition, *, simulated: bool) -> Capabilit
         inputs=tuple(_input(channel, model.bits) for channel in table.channels),
         max_rates_hz=max_rates_hz(table),
         min_rate_hz=lowest_rate_hz(model, entries),
-        simulated=simulated,
     )
 
 
@@ -129,7 +128,7 @@ _LOOK_SCANS = 8
 _LOOK_S = 0.5
 
 
-class DataqDaq(InputsOnly):
+class DataqDaq(DeviceBase[Acquisition]):
     """Driver of one instrument; implements `hdbench.devices.daq.Daq`.
 
     No model has an analog output, so this driver drives nothing: it is the inputs of a composite,
@@ -137,23 +136,15 @@ class DataqDaq(InputsOnly):
     """
 
     def __init__(self, commands: Commands, table: DataqAcquisition) -> None:
+        super().__init__(commands.where)
         self._commands = commands
         self.close = commands.close
         self._table = table
-        self._identity: Identity | None = None
-        self._acquisition: Acquisition | None = None
         self._quiet = False
 
     def capabilities(self) -> Capabilities:
         """Return what the instrument can do as the profile wires it."""
-        return describe_abilities(self._table, simulated=self.identity().simulated)
-
-    def identity(self) -> Identity:
-        """Return who answers; asked once. A stream that somebody left is stopped first."""
-        if self._identity is None:
-            self._be_quiet()
-            self._identity = check_identity(self._commands, self._table)
-        return self._identity
+        return describe_abilities(self._table)
 
     def configure(self, settings: DaqSettings) -> float:
         """Send scan list, rate and packet size, and return the actual sample period, s."""
@@ -168,18 +159,14 @@ class DataqDaq(InputsOnly):
 
     def start(self) -> None:
         """Start scanning; sent once, and never echoed: the first packet is the proof."""
-        acquisition = self._acquisition
-        if acquisition is None or acquisition.started:
-            raise self._error("no acquisition is configured", "configure it first")
+        acquisition = self._configured()
         self._quiet = False
         self._commands.start()
         acquisition.begin()
 
     def read_block(self) -> ScanBlock | None:
         """Return the next scans; None when none has come yet."""
-        acquisition = self._acquisition
-        if acquisition is None or not acquisition.started:
-            raise self._error("no acquisition has been started", "start it first")
+        acquisition = self._running()
         try:
             block = acquisition.next_block(self._commands.port)
         except StreamFault as fault:
@@ -216,14 +203,10 @@ class DataqDaq(InputsOnly):
         finally:
             self._be_quiet()
 
-    def safe_state(self) -> SafeState:
-        """Stop scanning; the instrument drives nothing. Never raises."""
-        self._acquisition = None
-        try:
-            self._be_quiet()
-        except HdbenchError as error:
-            return SafeState(False, None, None, error.what)
-        return SafeState(True, None, None, "the instrument drives nothing")
+    def _who(self) -> Identity:
+        # a stream that somebody left is stopped first
+        self._be_quiet()
+        return check_identity(self._commands, self._table)
 
     def _set_up(
         self,
@@ -256,7 +239,7 @@ class DataqDaq(InputsOnly):
         if spec is None or "encoder" not in roles:
             return None
         if "tacho" not in roles:
-            raise self._error(
+            raise self.error(
                 "the counter knows no direction without the tacho", "add tacho to daq.channels"
             )
         return spec.counts_per_edge, roles.index("tacho")
@@ -275,7 +258,7 @@ class DataqDaq(InputsOnly):
             try:
                 block = look.next_block(self._commands.port)
             except StreamFault as fault:
-                raise self._error(str(fault), _STEP) from fault
+                raise self.error(str(fault), _STEP) from fault
             if block is not None:
                 values.append(block.values)
         if not look.complete:
@@ -296,14 +279,11 @@ class DataqDaq(InputsOnly):
         done = f"after {acquisition.delivered} scans"
         if acquisition.overflowed:
             self._quiet = True
-            raise self._error(
+            raise self.error(
                 f"the instrument's buffer ran over {done}, and it stopped",
                 "free this computer of other work, sample more slowly, or name fewer channels",
             )
-        raise self._error(f"{what} ({done})", _STEP)
-
-    def _error(self, what: str, fix: str) -> DeviceError:
-        return DeviceError(what, where=self._commands.where, fix=fix)
+        raise self.error(f"{what} ({done})", _STEP)
 
 
 _STEP = "run again; if it comes back, exchange the cable and leave the digital inputs open"

@@ -13,7 +13,8 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.daq import WAIT_S, Role, ScanBlock, StreamedAcquisition
+from hdbench.devices.base import WAIT_S, StreamedAcquisition
+from hdbench.devices.daq import Role, ScanBlock
 from hdbench.drivers.dataq.port import Port
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
 from hdbench.errors import DeviceError, ProfileError

@@ -5,22 +5,21 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass
 
-from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.base import DeviceBase
+from hdbench.devices.bench import Identity
 from hdbench.devices.daq import (
     Capabilities,
     DaqSettings,
     Role,
     ScanBlock,
-    WatchdogState,
     clean_text,
 )
-from hdbench.devices.safestate import Seen, reach_safe_state
+from hdbench.devices.safestate import Seen
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack.control import Control, Session
-from hdbench.drivers.labjack.outputs import Outputs, Watchdog
+from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, user_name
 from hdbench.drivers.labjack.scanlist import (
     InputScale,
@@ -34,7 +33,7 @@ from hdbench.drivers.labjack.scanlist import (
 )
 from hdbench.drivers.labjack.stream import Acquisition
 from hdbench.drivers.labjack.table import LabJackAcquisition
-from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
+from hdbench.errors import BusyError, HdbenchError, UsageError
 from hdbench.profile.schema import ProfileData
 
 # what TEST reads where the words come in the right order (ljm_constants.json)
@@ -90,63 +89,47 @@ def _name(control: Control) -> str:
     return clean_text(b"".join(int(word).to_bytes(2, "big") for word in words))
 
 
-# the looped-back reference: offset and noise of the converter, far below what turns a motor
-_ZERO_V = 0.02
-
-
-@dataclass(eq=False)
-class LabJackDaq:
+class LabJackDaq(DeviceBase[Acquisition]):
     """Driver of one device; implements `hdbench.devices.daq.Daq`.
 
     `read_block` reads the stream's own socket; everything else goes over the Modbus port, one
     transaction at a time. The two never wait for each other but for a moment at start and stop.
     """
 
-    control: Control
-    table: LabJackAcquisition
-    stream_address: tuple[str, int]
-    _: KW_ONLY
-    tacho_rad_s_per_v: float
+    outputs: Outputs | None
 
-    def __post_init__(self) -> None:
-        self._session = Session(self.control)
-        self._outputs = outputs = Outputs(self.control, self.table)
-        self.write_output, self.enable = outputs.write, outputs.enable
-        # a trip is forgotten; the watchdog stays on, as it is kept in flash
-        self.clear_watchdog = outputs.make_safe
-        self._watchdog = (
-            Watchdog(self.control, self.table.output) if self.table.output is not None else None
-        )
-        self._identity: Identity | None = None
+    def __init__(
+        self,
+        control: Control,
+        table: LabJackAcquisition,
+        stream_address: tuple[str, int],
+        *,
+        tacho_rad_s_per_v: float,
+    ) -> None:
+        outputs = None if table.output is None else Outputs(control, table.output, table.model)
+        super().__init__(control.where, outputs, control)
+        self.control = control
+        self.table = table
+        self._stream_address = stream_address
+        self._tacho_rad_s_per_v = tacho_rad_s_per_v
+        self._session = Session(control)
         self._scales: dict[Role, InputScale] = {}
-        self._acquisition: Acquisition | None = None
-
-    @property
-    def repeats(self) -> int:
-        """Requests that were sent again so far."""
-        return self.control.repeats
 
     def capabilities(self) -> Capabilities:
         """Return what the device can do as the profile wires it."""
-        return describe_abilities(self.table, simulated=self.identity().simulated)
-
-    def identity(self) -> Identity:
-        """Return who answers; asked once, before anything is written."""
-        if self._identity is None:
-            self._identity = check_identity(self.control, self.table)
-        return self._identity
+        return describe_abilities(self.table)
 
     def claim(self) -> None:
         """Become the one host, and clean up what a dead one has left running."""
         self.identity()
         if self._session.claim():
-            self._outputs.make_safe()
+            self._make_safe()
             stop_stream(self.control)
         elif self.control.read(STREAM_ENABLE)[0]:
             self._session.release()
             raise BusyError(
                 "another program has a stream running on this device",
-                where=f"{self.control.where}, register {STREAM_ENABLE.describe()}",
+                where=f"{self.where}, register {STREAM_ENABLE.describe()}",
                 fix="end that program; if nobody owns the stream any more, run `hdbench stop`",
             )
 
@@ -155,7 +138,7 @@ class LabJackDaq:
         self.identity()
         self._drop_acquisition()
         stop_stream(self.control)
-        self._outputs.make_safe()
+        self._make_safe()
         set_up_inputs(self.control, self.table)
         if not self._scales:
             self._scales = input_scales(self.control, self.table)
@@ -171,25 +154,23 @@ class LabJackDaq:
 
     def start(self) -> None:
         """Open the stream's socket, then start it; sent once, then read back."""
-        acquisition = self._acquisition
-        if acquisition is None or acquisition.started:
-            raise self._error("no acquisition is configured", "configure it first")
-        acquisition.open(self.stream_address, self.table.deadline_s)
+        self._configured().open(self._stream_address, self.table.deadline_s)
         self.control.write((STREAM_ENABLE,), (1,))
         if not self.control.read(STREAM_ENABLE)[0]:
-            raise self._error("the stream did not start", "configure it again")
+            raise self.error("the stream did not start", "configure it again")
 
     def read_block(self) -> ScanBlock | None:
         """Return the next scans; None when none has come within a packet's time."""
-        acquisition = self._acquisition
-        if acquisition is None or not acquisition.started:
-            raise self._error("no acquisition has been started", "start it first")
-        block = acquisition.next_block(self._outputs)
+        acquisition = self._running()
+        block = acquisition.next_block(self.outputs)
         if acquisition.complete and not acquisition.stopped:
-            acquisition.stopped = True
-            stop_stream(self.control)
-        if block is None and acquisition.silent:
-            self._why_silent(acquisition)
+            self.stop()
+        if block is None and acquisition.silent and not self.control.read(STREAM_ENABLE)[0]:
+            # a running one may be late
+            raise self.error(
+                f"the device no longer streams after {acquisition.delivered} scans",
+                "it was restarted, or another program stopped it: check both, then run again",
+            )
         return block
 
     def stop(self) -> None:
@@ -198,42 +179,11 @@ class LabJackDaq:
         if self._acquisition is not None:
             self._acquisition.stopped = True
 
-    def arm_watchdog(self, time_s: float) -> float:
-        """Bring the watchdog in flash to the wanted settings, feed it, and return its time, s."""
-        return self._guard().arm(time_s)
-
-    def feed_watchdog(self) -> None:
-        """Feed it once; the same transaction shows whether the enable line has dropped."""
-        self._outputs.note_levels(self._guard().feed())
-
-    def watchdog(self) -> WatchdogState:
-        """Return its state: settings from flash, a trip from the level of the enable line."""
-        values = self._guard().read()
-        armed = bool(values["WATCHDOG_ENABLE_DEFAULT"] and values["WATCHDOG_STRICT_ENABLE_DEFAULT"])
-        self._outputs.look()
-        time_s = float(values["WATCHDOG_TIMEOUT_S_DEFAULT"])
-        return WatchdogState(armed, self._outputs.tripped, time_s)
-
     def snapshot(self) -> Mapping[Role, float]:
         """Return one reading of every channel; empty while a stream has the inputs."""
         if self._acquisition is not None and self._acquisition.sampling:
             return {}
         return read_inputs(self.control, self.table)
-
-    def safe_state(self) -> SafeState:
-        """Zero the reference, disable the drive at standstill, stop the stream; all read back."""
-        self._drop_acquisition()
-        try:
-            self.identity()
-        except HdbenchError as error:
-            # a device that is not the one meant is never written to
-            return SafeState(False, None, None, error.what)
-        return reach_safe_state(
-            stop=self._stop,
-            look=self._measured,
-            disable=lambda: not self._outputs.enable(on=False),
-            zero_v=_ZERO_V,
-        )
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""
@@ -244,40 +194,15 @@ class LabJackDaq:
         self._session.release()
         self.control.close()
 
-    def _stop(self) -> None:
-        self._outputs.zero()
-        stop_stream(self.control)
+    def _who(self) -> Identity:
+        return check_identity(self.control, self.table)
 
-    def _measured(self) -> Seen:
+    def _seen(self) -> Seen:
         """Return reference, V, and motor speed, rad/s, as the inputs show them now."""
         seen = read_inputs(self.control, self.table)
         tacho_v = seen.get("tacho")
-        speed = None if tacho_v is None else tacho_v * self.tacho_rad_s_per_v
-        return Seen(seen.get("reference", self._outputs.read_back()), speed)
-
-    def _drop_acquisition(self) -> None:
-        if self._acquisition is not None:
-            self._acquisition.close()
-        self._acquisition = None
-
-    def _why_silent(self, acquisition: Acquisition) -> None:
-        """Ask whether the stream still runs; a running one may be late."""
-        if not self.control.read(STREAM_ENABLE)[0]:
-            raise self._error(
-                f"the device no longer streams after {acquisition.delivered} scans",
-                "it was restarted, or another program stopped it: check both, then run again",
-            )
-
-    def _guard(self) -> Watchdog:
-        if self._watchdog is None:
-            raise self._error(
-                "the profile names no output, so there is nothing to guard",
-                "add [daq.output] with an enable line",
-            )
-        return self._watchdog
-
-    def _error(self, what: str, fix: str) -> DeviceError:
-        return DeviceError(what, where=self.control.where, fix=fix)
+        speed = None if tacho_v is None else tacho_v * self._tacho_rad_s_per_v
+        return Seen(seen.get("reference", self._driving().read_back()), speed)
 
 
 # 502 and 702
@@ -306,4 +231,4 @@ def labjack_rate_hz(table: LabJackAcquisition) -> float:
     """Return the highest scan rate of the table's channels."""
     if table.model == "T8":
         return math.inf
-    return describe_abilities(table, simulated=False).max_rates_hz[-1]
+    return describe_abilities(table).max_rates_hz[-1]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hdbench.devices.daq import check_disabled, check_reference
+from hdbench.devices.base import HostOutputs
+from hdbench.devices.daq import WatchdogState
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.registers import Register, as_float32
 from hdbench.devices.safestate import STANDSTILL_RAD_S
@@ -12,13 +13,15 @@ from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.control import Control, feedback_request
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackOutput
-from hdbench.errors import UsageError
 from hdbench.profile.schema import ProfileData
 
 _TICK_DAC_V = 10.0
 _DAC_V = 5.0
 _BITS = {"T7": 12, "T4": 10}
 _TICK_DAC_BITS = 14
+# the looped-back reference, and an output of 0 V as the device reads it back: offset and noise of
+# the converter, far below what turns a motor
+_ZERO_V = 0.02
 
 
 def output_range_v(output: LabJackOutput) -> tuple[float, float]:
@@ -34,25 +37,25 @@ def output_step_v(output: LabJackOutput, model: str) -> float:
     return _DAC_V / (1 << _BITS[model])
 
 
-class Outputs:
+class Outputs(HostOutputs):
     """Writes them, and remembers what was ordered."""
 
-    def __init__(self, control: Control, table: LabJackAcquisition) -> None:
+    def __init__(self, control: Control, output: LabJackOutput, model: str) -> None:
+        super().__init__(control.where, output.output, output_range_v(output), zero_v=_ZERO_V)
         self.tripped = False
         self.ordered_on = False
+        self.watchdog = Watchdog(control, output, self)
         self._control = control
-        self._output = table.output
-        self._model = table.model
+        self._output = output
+        self._model = model
 
-    def write(self, name: str, value: float) -> float:
+    def _put(self, value: float) -> float:
         """Write the motor reference and return what is read back, V.
 
         A DAC reads back. A LJTick-DAC cannot be read: what it acknowledged is returned, and what
         stands at its terminal shows in the looped-back reference channel.
         """
-        output = self._named(name)
-        check_reference(value, output_range_v(output), self._control.where, output.output)
-        register = _register(output)
+        output, register = self._output, _register(self._output)
         wanted = as_float32(value)
         if _is_tick_dac(output):
             self._control.feedback(((register, value),))
@@ -66,21 +69,14 @@ class Outputs:
             )
         return float(found)
 
-    def zero(self) -> None:
-        """Write reference 0; nothing where the profile names no output."""
-        if self._output is not None:
-            self.write("reference", 0.0)
-
     def read_back(self) -> float | None:
         """Return the reference that the output register holds, V; None where it cannot be read."""
-        if self._output is None or _is_tick_dac(self._output):
+        if _is_tick_dac(self._output):
             return None
         return float(self._control.read(_register(self._output))[0])
 
     def enable(self, *, on: bool) -> bool:
         """Write the enable line and return the level at its terminal, as on or off."""
-        if self._output is None:
-            return False
         self.ordered_on = on
         if on:
             self.tripped = False
@@ -90,34 +86,19 @@ class Outputs:
         return bool(found) == self._output.enable_high
 
     def make_safe(self) -> None:
-        """Write reference 0, then switch the line off; raise if it does not read back as off."""
-        self.zero()
-        check_disabled(self._control.where, on=self.enable(on=False))
+        """Write reference 0, then switch the line off; a trip is forgotten."""
+        super().make_safe()
         self.tripped = False
-
-    def look(self) -> None:
-        """Read the lines and note a trip."""
-        self.note_levels(int(self._control.read(reg.DIO_STATE)[0]))
 
     def note_levels(self, levels: int) -> None:
         """Note a trip from the levels of all lines."""
-        if self._output is not None:
-            level = bool(levels >> self._output.enable_line & 1)
-            self.note_enabled(on=level == self._output.enable_high)
+        level = bool(levels >> self._output.enable_line & 1)
+        self.note_enabled(on=level == self._output.enable_high)
 
     def note_enabled(self, *, on: bool) -> None:
         """Note a trip from the level of the enable line."""
         if self.ordered_on and not on:
             self.tripped = True
-
-    def _named(self, name: str) -> LabJackOutput:
-        if self._output is None or name != "reference":
-            raise UsageError(
-                f"no output {name!r}; the profile's [daq.output] has a reference or nothing",
-                where=self._control.where,
-                fix="add [daq.output] to the profile",
-            )
-        return self._output
 
 
 def _is_tick_dac(output: LabJackOutput) -> bool:
@@ -161,9 +142,10 @@ def watchdog_settings(output: LabJackOutput, time_s: float) -> dict[str, float]:
 class Watchdog:
     """The watchdog of one device."""
 
-    def __init__(self, control: Control, output: LabJackOutput) -> None:
+    def __init__(self, control: Control, output: LabJackOutput, outputs: Outputs) -> None:
         self._control = control
         self._output = output
+        self._outputs = outputs
 
     def read(self) -> dict[str, float]:
         """Return its settings by register name."""
@@ -188,11 +170,21 @@ class Watchdog:
         self.feed()
         return float(found["WATCHDOG_TIMEOUT_S_DEFAULT"])
 
-    def feed(self) -> int:
-        """Write its key, and return the levels of all lines from the same transaction."""
+    def feed(self) -> None:
+        """Write its key; the same transaction shows whether the enable line has dropped."""
         key = ((reg.STRICT_CLEAR, KEY),)
         (levels,) = self._control.feedback(key, (reg.DIO_STATE,), repeatable=True)
-        return int(levels)
+        self._outputs.note_levels(int(levels))
+
+    def state(self) -> WatchdogState:
+        """Return its state: settings from flash, a trip from the level of the enable line."""
+        values = self.read()
+        armed = bool(values["WATCHDOG_ENABLE_DEFAULT"] and values["WATCHDOG_STRICT_ENABLE_DEFAULT"])
+        self._outputs.note_levels(int(self._control.read(reg.DIO_STATE)[0]))
+        return WatchdogState(armed, self._outputs.tripped, values["WATCHDOG_TIMEOUT_S_DEFAULT"])
+
+    def clear(self) -> None:
+        """Do nothing: it stays on, as it is kept in flash."""
 
     def _write(self, wanted: dict[str, float], found: dict[str, float]) -> None:
         """Write what differs: it must be off meanwhile, and goes on last."""
@@ -205,10 +197,6 @@ class Watchdog:
 
     def _put(self, register: Register, value: float) -> None:
         self._control.write((register,), (value,))
-
-
-# an output of 0 V as the device reads it back: below the step of any converter
-_ZERO_V = 0.02
 
 
 def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | None:

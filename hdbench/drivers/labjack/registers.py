@@ -21,25 +21,25 @@ def _table(name: str) -> list[list[str]]:
 
 
 # name, address, type and access, as far as this driver makes use of it
-_BY_NAME = {
+BY_NAME = {
     name: Register(name, int(address), cast("Kind", kind), "W" in access)
     for name, address, kind, access in _table("registers.txt")
 }
 
 
 def _named(*names: str) -> tuple[Register, ...]:
-    return tuple(_BY_NAME[name] for name in names)
+    return tuple(BY_NAME[name] for name in names)
 
 
 TEST, CORE, DIO_STATE = _named("TEST", "CORE_TIMER", "DIO_STATE")
 IDENTITY = _named("PRODUCT_ID", "HARDWARE_VERSION", "FIRMWARE_VERSION", "SERIAL_NUMBER")
 LAST_ERROR = _named("LAST_ERR_DETAIL", "LAST_ERR_FRAME", "LAST_ERR_TRANSACTION_ID")
-STREAM_SETUP = tuple(entry for entry in _BY_NAME.values() if 4002 <= entry.address <= 4012)
+STREAM_SETUP = tuple(entry for entry in BY_NAME.values() if 4002 <= entry.address <= 4012)
 STREAM_TARGET = _named("STREAM_AUTO_TARGET", "STREAM_DATATYPE", "STREAM_NUM_SCANS")
 STREAM_AUTORECOVER_DISABLE, STREAM_ENABLE = _named("STREAM_AUTORECOVER_DISABLE", "STREAM_ENABLE")
 WATCHDOG = tuple(
     entry
-    for name, entry in _BY_NAME.items()
+    for name, entry in BY_NAME.items()
     if name.startswith("WATCHDOG_") and name.endswith("_DEFAULT")
 )
 STRICT_CLEAR, FLASH_POINTER = _named("WATCHDOG_STRICT_CLEAR", "INTERNAL_FLASH_READ_POINTER")

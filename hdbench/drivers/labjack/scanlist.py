@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.daq import Capabilities, InputInfo, OutputInfo, Role, WatchdogInfo
+from hdbench.devices.daq import Capabilities, InputInfo, Role, WatchdogInfo
 from hdbench.devices.registers import Register
 from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.control import Control, Refused
-from hdbench.drivers.labjack.outputs import output_range_v, output_step_v
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackChannel
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.records.trace import FloatArray
@@ -261,11 +260,9 @@ def _line_problems(table: LabJackAcquisition) -> Iterator[_Problem]:
 _SAMPLES_HZ = {"T7": 100_000.0, "T4": 50_000.0}
 _BITS = {"T7": 16, "T4": 12}
 _MIN_RATE_HZ = 0.02
-# one update of an output over Ethernet (labjack.com, T7 data sheet, appendix A-1)
-_WRITE_S = 0.0011
 
 
-def describe_abilities(table: LabJackAcquisition, *, simulated: bool) -> Capabilities:
+def describe_abilities(table: LabJackAcquisition) -> Capabilities:
     """Return the abilities.
 
     The highest rate is the data sheet's total divided by the words of a scan. What a small input
@@ -276,27 +273,20 @@ def describe_abilities(table: LabJackAcquisition, *, simulated: bool) -> Capabil
     words = [
         len(plan_scan(table, roles[:count], {}).addresses) for count in range(1, len(roles) + 1)
     ]
-    inputs_only = Capabilities(
+    output = table.output
+    return Capabilities(
         inputs=tuple(_input(channel, table.model) for channel in table.channels),
         max_rates_hz=tuple(_SAMPLES_HZ[table.model] / count for count in words),
         min_rate_hz=_MIN_RATE_HZ,
-        simulated=simulated,
-    )
-    output = table.output
-    if output is None:
-        return inputs_only
-    step_v = output_step_v(output, table.model)
-    return replace(
-        inputs_only,
-        outputs=(OutputInfo("reference", *output_range_v(output), step_v, _WRITE_S),),
-        enable=True,
-        watchdog=_watchdog(output.output),
+        reference=output is not None,
+        enable=output is not None,
+        watchdog=None if output is None else _watchdog(output.output),
     )
 
 
 def _watchdog(output: str) -> WatchdogInfo:
     drops = ("enable",) if output.startswith("TDAC") else ("reference", "enable")
-    return WatchdogInfo(min_s=1.0, max_s=5.0, step_s=1.0, fed_by="key", drops=drops, latches=False)
+    return WatchdogInfo(min_s=1.0, max_s=5.0, fed_by="key", drops=drops)
 
 
 def _input(channel: LabJackChannel, model: str) -> InputInfo:

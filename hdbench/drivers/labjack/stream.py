@@ -14,7 +14,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.daq import WAIT_S, ScanBlock, StreamedAcquisition
+from hdbench.devices.base import WAIT_S, StreamedAcquisition
+from hdbench.devices.daq import ScanBlock
 from hdbench.devices.wire.address import dial
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.registers import error_name
@@ -322,7 +323,7 @@ class Acquisition(StreamedAcquisition):
             with contextlib.suppress(OSError):
                 self._socket.close()
 
-    def next_block(self, outputs: Outputs) -> ScanBlock | None:
+    def next_block(self, outputs: Outputs | None) -> ScanBlock | None:
         """Return the next block; None when no scan has come."""
         if self.complete:
             return self._empty(outputs)
@@ -343,12 +344,12 @@ class Acquisition(StreamedAcquisition):
             lost=lost,
             waiting=sum(len(waiting.words) for waiting in self._runs),
             depth=self._backlog_scans,
-            tripped=outputs.tripped,
+            tripped=outputs is not None and outputs.tripped,
         )
 
-    def _watch_line(self, decoded: Decoded, outputs: Outputs) -> None:
+    def _watch_line(self, decoded: Decoded, outputs: Outputs | None) -> None:
         """Tell a trip from a line that was seen on and then off, while it is ordered on."""
-        if decoded.enabled is None or not len(decoded.enabled):
+        if outputs is None or decoded.enabled is None or not len(decoded.enabled):
             return
         if not outputs.ordered_on:
             self._seen_on = False
@@ -357,13 +358,12 @@ class Acquisition(StreamedAcquisition):
         else:
             self._seen_on = bool(decoded.enabled[-1])
 
-    def _empty(self, outputs: Outputs) -> ScanBlock:
+    def _empty(self, outputs: Outputs | None) -> ScanBlock:
         """Return a block without scans: the acquisition is over."""
         nothing = self._plan.decode(np.zeros((0, len(self._plan.addresses)), dtype=np.uint16))
         now_s = time.monotonic()
-        return self._delivered(
-            nothing.values, nothing.saturated, (now_s, now_s), tripped=outputs.tripped
-        )
+        tripped = outputs is not None and outputs.tripped
+        return self._delivered(nothing.values, nothing.saturated, (now_s, now_s), tripped=tripped)
 
     def _read(self, timeout_s: float) -> ScanRun | None:
         """Return the next run of scans, or None when none has come in time."""

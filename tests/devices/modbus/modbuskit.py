@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from faults.lines import in_thread
 from served import InThread, read_all
 
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.instrument import SimulatedInstrument, device_clock
 from hdbench.devices.emulator.modbus import ModbusDevice
 from hdbench.devices.emulator.server import ModbusServer, Wire
 from hdbench.devices.modbus.driver import ModbusDaq, open_modbus
@@ -66,7 +65,7 @@ def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Ite
     instrument = SimulatedInstrument(
         SimulatedBench(BENCH, load_plant("as-modelled"), seed),
         BENCH.encoder.counts_per_turn,
-        clock=DeviceClock(1.0, time.monotonic()),
+        clock=device_clock(),
     )
     device = ModbusDevice(instrument, what, amperes_per_v=1.0)
     server = ModbusServer(device, wire)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from served import InThread
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.driver import open_daq
-from hdbench.devices.emulator.instrument import DeviceClock, ElectricalSamples, SimulatedInstrument
+from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInstrument, device_clock
 from hdbench.devices.emulator.serving import EmulatorSettings
 from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.labjack.driver import LabJackDaq
@@ -61,7 +60,7 @@ def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[
     instrument = SimulatedInstrument(
         SimulatedBench(PROFILE, load_plant("as-modelled"), seed),
         PROFILE.encoder.counts_per_turn,
-        clock=DeviceClock(speed, time.monotonic()),
+        clock=device_clock(speed),
         record=lambda event: events.append(dict(event)),
     )
     made = table or PROFILE.daq

@@ -12,6 +12,6 @@ ready, ``E...`` the device does not answer, ``F...`` it stops the motor now, and
 
 Of hdbench it loads the wire and the room of the operating system alone, which need nothing but the
 standard library and pyserial: it starts in a few hundredths of a second, takes some ten megabytes,
-and nothing that breaks the session breaks it. `hdbench.devices.guard.bench` runs it with this
+and nothing that breaks the session breaks it. `hdbench.devices.guard.session` runs it with this
 folder's parent behind the standard library, so its modules name each other by their places.
 """

@@ -7,25 +7,26 @@ import errno
 import struct
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
 
 from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory, MemoryDevice
 from hdbench.devices.emulator.server import ModbusRefusedError, ModbusServer
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.driver import EMULATOR_NAME, STREAM_OFFSET
 from hdbench.drivers.labjack.emulator.streaming import (
-    CORE_TIMER_HZ,
     DeviceWatchdog,
     RefusedError,
     StreamEngine,
     Wiring,
 )
+from hdbench.drivers.labjack.scanlist import CORE_TIMER_HZ, FLASH_ADDRESS
 from hdbench.drivers.labjack.table import LabJackAcquisition
 
 _PRODUCTS = {"T4": 4, "T7": 7}
 _LINES = 23
-_CALIBRATION = 0x3C4000
 _REBOOT = 0x4C4A
 _BAD_REBOOT, _BAD_RANGE = 2402, 2370
 _BAD_INDEX, _EF_RUNS, _AIN_BUSY = 2551, 2566, 2605
@@ -83,8 +84,8 @@ class LabJackDevice(MemoryDevice):
 
     def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
         """Keep it for LAST_ERR_*; what is no request at all has its exception as its reason."""
-        self.memory.put(55000, getattr(refused, "detail", refused.exception))
-        self.memory.put(55003, transaction)
+        self.memory.put(reg.LAST_ERROR[0].address, getattr(refused, "detail", refused.exception))
+        self.memory.put(reg.LAST_ERROR[2].address, transaction)
 
     def tick(self) -> None:
         """Let time pass, and send the packets that are complete."""
@@ -106,59 +107,61 @@ class LabJackDevice(MemoryDevice):
             self._set_line(line, high=False)
         for terminal in ("DAC0", "DAC1"):
             self.wiring.write_reference(terminal, 0.0)
-        for address in (*range(46000, 46080, 2), *range(46100, 46180, 2)):
-            self.memory.put(address, 0)
+        for register in reg.SESSION:
+            self.memory.put(register.address, 0)
         self.rebooted()
 
     def _build(self, serial: int) -> None:
-        add, add_all = self.memory.hold, self.memory.hold_all
-        add_all((55000, 55002, 55003), "u16", writable=False)
-        add_all((55100,), "u32", 0x00112233, writable=False)
-        add(60000, "f32", _PRODUCTS[self.wiring.model], writable=False)
-        add(60002, "f32", 1.3, writable=False)
-        add(60004, "f32", 1.0331, writable=False)
-        add(60010, "u32", writable=False)
-        add(60028, "u32", serial, writable=False)
-        add(55110, "u16", 0x11)
-        add(55120, "u32", 0x00112233)
-        add(55124, "f32", -9999.0)
+        add = self.memory.hold
         words = struct.unpack(">25H", EMULATOR_NAME.encode().ljust(50, b"\0"))
-        for position, word in enumerate(words):
-            add(60500 + position, "u16", word, writable=False)
+        for register, word in zip(reg.user_name(), words, strict=True):
+            self.memory.add(Cell(register, word, writable=False))
         self._build_terminals()
         self._build_lines()
-        add_all(range(46000, 46080, 2), "f32")
-        add_all(range(46100, 46180, 2), "u32")
-        add(61520, "u32", on_read=lambda: self._ticks() % 2**32, writable=False)
-        add(61810, "u32")
-        for word in range(60):
-            add(61812 + 2 * word, "f32", on_read=partial(self._flash, word), writable=False)
+        self.memory.add(Cell(reg.CORE, on_read=lambda: self._ticks() % 2**32, writable=False))
+        for word, register in enumerate(reg.flash_words(60)):
+            self.memory.add(Cell(register, on_read=partial(self._flash, word), writable=False))
         add(61998, "u32", on_write=self._order_reboot, readable=False)
+        told = {
+            "TEST": 0x00112233,
+            "PRODUCT_ID": _PRODUCTS[self.wiring.model],
+            "HARDWARE_VERSION": 1.3,
+            "FIRMWARE_VERSION": 1.0331,
+            "SERIAL_NUMBER": serial,
+        }
+        for name, register in reg.BY_NAME.items():
+            # a T4 always goes on after a full buffer
+            if self.wiring.model == "T7" or register is not reg.STREAM_AUTORECOVER_DISABLE:
+                cell = Cell(register, told.get(name, 0), writable=register.writable)
+                self.memory.add(cell)
 
     def _build_terminals(self) -> None:
-        add, write = self.memory.hold, self.wiring.write_reference
+        add, write = self.memory.add, self.wiring.write_reference
         for number in range(14):
-            add(2 * number, "f32", on_read=partial(self._ain, number), writable=False)
-            add(40000 + 2 * number, "f32", on_write=self._check_range)
-            add(41000 + number, "u16", 199)
-            add(41500 + number, "u16")
+            read = partial(self._ain, number)
+            add(Cell(reg.analog_input(number), on_read=read, writable=False))
+            add(Cell(reg.analog_range(number), on_write=self._check_range))
+            add(Cell(reg.negative_channel(number), 199))
+            self.memory.hold(41500 + number, "u16")
         for number in (0, 1):
-            add(1000 + 2 * number, "f32", on_write=partial(write, f"DAC{number}"))
+            add(Cell(reg.dac(number), on_write=partial(write, f"DAC{number}")))
         for number in range(22):
             tick = partial(write, f"TDAC{number}")
-            add(30000 + 2 * number, "f32", on_write=tick, readable=False)
+            add(Cell(reg.tick_dac(number), on_write=tick, readable=False))
 
     def _build_lines(self) -> None:
-        add = self.memory.hold
+        add = self.memory.add
         for line in range(_LINES):
             level, write = partial(self._level, line), partial(self._write_line, line)
-            add(2000 + line, "u16", on_read=level, on_write=write)
-            enable = add(44000 + 2 * line, "u32")
-            add(44100 + 2 * line, "u32", on_write=partial(self._check_index, enable))
-            add(3000 + 2 * line, "u32", on_read=partial(self._counter, line), writable=False)
-        add(2580, "u16", on_read=lambda: self.levels & 0xFFFF, writable=False)
-        add(2800, "u32", on_read=lambda: self.levels, writable=False)
-        add(2850, "u32", on_read=lambda: self.directions, writable=False)
+            add(Cell(reg.digital_line(line), on_read=level, on_write=write))
+            enable = add(Cell(reg.ef_enable(line)))
+            add(Cell(reg.ef_index(line), on_write=partial(self._check_index, enable)))
+            count = partial(self._counter, line)
+            self.memory.hold(reg.ef_count(line).address, "u32", on_read=count, writable=False)
+        levels = reg.FIO_EIO_STATE
+        self.memory.hold(levels, "u16", on_read=lambda: self.levels & 0xFFFF, writable=False)
+        add(Cell(reg.DIO_STATE, on_read=lambda: self.levels, writable=False))
+        self.memory.hold(2850, "u32", on_read=lambda: self.directions, writable=False)
 
     def _ticks(self) -> int:
         return int(self.clock() * CORE_TIMER_HZ)
@@ -166,7 +169,7 @@ class LabJackDevice(MemoryDevice):
     def _ain(self, number: int) -> float:
         if self.stream.running:
             raise RefusedError(_AIN_BUSY)
-        range_v = float(self.memory.value(40000 + 2 * number))
+        range_v = self.memory.value(reg.analog_range(number).address)
         word = self.wiring.words(self.wiring.instrument.look(), number, range_v)
         return self.wiring.calibration.volts(int(word[-1]), number, range_v)
 
@@ -178,8 +181,8 @@ class LabJackDevice(MemoryDevice):
     def _paired(self) -> bool:
         first = self.wiring.counter_line
         return all(
-            self.memory.value(44000 + 2 * line) == 1
-            and self.memory.value(44100 + 2 * line) == _QUADRATURE
+            self.memory.value(reg.ef_enable(line).address) == 1
+            and self.memory.value(reg.ef_index(line).address) == _QUADRATURE
             for line in (first, first + 1)
         )
 
@@ -212,11 +215,11 @@ class LabJackDevice(MemoryDevice):
                 self.directions |= 1 << line
                 self._set_line(line, high=bool(state >> line & 1))
         for number, value in dacs.items():
-            self.memory.put(1000 + 2 * number, value)
+            self.memory.put(reg.dac(number).address, value)
             self.wiring.write_reference(f"DAC{number}", value)
 
     def _flash(self, word: int) -> float:
-        at = (int(self.memory.value(61810)) - _CALIBRATION) // 4 + word
+        at = (int(self.memory.value(reg.FLASH_POINTER.address)) - FLASH_ADDRESS) // 4 + word
         floats = self.wiring.calibration.floats
         return floats[at] if 0 <= at < len(floats) else -1.0
 
@@ -228,25 +231,7 @@ class LabJackDevice(MemoryDevice):
 
 _PORT_TRIES = 50
 _HIGHEST_PORT = 65535
-
-
-class _Reader(asyncio.Protocol):
-    """One connection to the stream; nothing that it sends matters."""
-
-    def __init__(self, readers: set[asyncio.WriteTransport]) -> None:
-        self._readers = readers
-        self._transport: asyncio.WriteTransport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Send to it from now on."""
-        if isinstance(transport, asyncio.WriteTransport):
-            self._transport = transport
-            self._readers.add(transport)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Send nothing more to it."""
-        if self._transport is not None:
-            self._readers.discard(self._transport)
+_CHUNK = 4096
 
 
 class EmulatedLabJack:
@@ -268,9 +253,7 @@ class EmulatedLabJack:
                 above = int(address.rpartition(":")[2]) + STREAM_OFFSET
                 if above > _HIGHEST_PORT:
                     raise OSError(errno.EADDRNOTAVAIL, "no port left for the stream")
-                self._stream = await asyncio.get_running_loop().create_server(
-                    lambda: _Reader(self.device.readers), host, above
-                )
+                self._stream = await asyncio.start_server(self._talk, host, above)
             except OSError as error:
                 control.close()
                 if left > 1:
@@ -288,6 +271,15 @@ class EmulatedLabJack:
         if self._stream is not None:
             self._stream.close()
         self._hang_up()
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Have the stream sent to one more reader; nothing that it sends matters."""
+        self.device.readers.add(writer.transport)
+        with suppress(OSError):
+            while await reader.read(_CHUNK):
+                pass
+        self.device.readers.discard(writer.transport)
+        writer.close()
 
     def _hang_up(self) -> None:
         if self._control is not None:

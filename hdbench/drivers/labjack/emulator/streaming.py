@@ -11,8 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInstrument, Terminal
-from hdbench.devices.emulator.memory import DEVICE_FAILURE, Memory
+from hdbench.devices.emulator.memory import DEVICE_FAILURE, Cell, Memory
 from hdbench.devices.emulator.server import ModbusRefusedError
+from hdbench.drivers.labjack import registers as reg
+from hdbench.drivers.labjack.scanlist import (
+    CORE_TIMER_HZ,
+    FLASH_WORDS,
+    QUADRATURE_LINES,
+    T7_RANGES_V,
+)
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.records.trace import FloatArray
 
@@ -25,15 +32,6 @@ class RefusedError(ModbusRefusedError):
         self.detail = detail
 
 
-_GUARDED, _TIMEOUT, _STRICT, _KEY, _CLEAR = 61600, 61604, 61610, 61612, 61614
-_RESET, _DIO, _DIO_STATE, _DIO_DIRECTION, _DIO_INHIBIT = 61620, 61630, 61632, 61634, 61636
-_ADVANCED, _STARTUP = 61602, 61606
-_DAC = ((61640, 61642, 0), (61650, 61652, 1))
-_SETTINGS = (
-    *(_ADVANCED, _TIMEOUT, _STARTUP, _STRICT, _KEY, _RESET),
-    *(_DIO, _DIO_STATE, _DIO_DIRECTION, _DIO_INHIBIT),
-    *(enable for enable, _, _ in _DAC),
-)
 # the device's own codes: a time of zero, and writing settings while it runs
 _BAD_TIME, _RUNNING = 2670, 2671
 
@@ -50,39 +48,38 @@ class DeviceWatchdog:
         self.trips = 0
         self.flash_writes = 0
         self._fed_s = self.clock()
-        self.memory.hold_all(_SETTINGS, "u32", on_write=self._set)
-        self.memory.hold_all((value for _, value, _ in _DAC), "f32", on_write=self._set)
-        self.memory.hold(_GUARDED, "u32", on_write=self._enable)
-        self.memory.hold(_CLEAR, "u32", on_write=self._clear, readable=False)
+        enable, *settings = reg.WATCHDOG
+        self.memory.add(Cell(enable, on_write=self._enable))
+        for register in settings:
+            self.memory.add(Cell(register, on_write=self._set))
+        self.memory.add(Cell(reg.STRICT_CLEAR, on_write=self._clear, readable=False))
 
     @property
     def enabled(self) -> bool:
         """Whether it counts."""
-        return bool(self.memory.value(_GUARDED))
+        return bool(self._setting("ENABLE"))
 
     def heard(self) -> None:
         """Note any communication: without strict mode that is enough."""
-        if not self.memory.value(_STRICT):
+        if not self._setting("STRICT_ENABLE"):
             self._fed_s = self.clock()
 
     def tick(self) -> None:
         """Act when the time is up, and start again."""
-        if not self.enabled or self.clock() - self._fed_s <= self.memory.value(_TIMEOUT):
+        if not self.enabled or self.clock() - self._fed_s <= self._setting("TIMEOUT_S"):
             return
         self._fed_s = self.clock()
         self.trips += 1
-        dacs = {
-            number: float(self.memory.value(value))
-            for enable, value, number in _DAC
-            if self.memory.value(enable)
-        }
+        dacs = {n: self._setting(f"DAC{n}") for n in (0, 1) if self._setting(f"DAC{n}_ENABLE")}
         state = direction = 0
         inhibit = -1
-        if self.memory.value(_DIO):
-            state = int(self.memory.value(_DIO_STATE))
-            direction = int(self.memory.value(_DIO_DIRECTION))
-            inhibit = int(self.memory.value(_DIO_INHIBIT))
+        if self._setting("DIO_ENABLE"):
+            names = ("DIO_STATE", "DIO_DIRECTION", "DIO_INHIBIT")
+            state, direction, inhibit = (int(self._setting(name)) for name in names)
         self.act(state, direction, inhibit, dacs)
+
+    def _setting(self, name: str) -> float:
+        return self.memory.value(reg.BY_NAME[f"WATCHDOG_{name}_DEFAULT"].address)
 
     def _set(self, value: float) -> None:
         if self.enabled:
@@ -90,13 +87,13 @@ class DeviceWatchdog:
         self.flash_writes += 1
 
     def _enable(self, value: float) -> None:
-        if value and not self.memory.value(_TIMEOUT):
+        if value and not self._setting("TIMEOUT_S"):
             raise RefusedError(_BAD_TIME)
         self.flash_writes += 1
         self._fed_s = self.clock()
 
     def _clear(self, value: float) -> None:
-        if not self.memory.value(_STRICT) or value == self.memory.value(_KEY):
+        if not self._setting("STRICT_ENABLE") or value == self._setting("STRICT_KEY"):
             self._fed_s = self.clock()
 
 
@@ -104,13 +101,10 @@ class DeviceWatchdog:
 _T7_SLOPE, _T7_CENTER = 3.1580578e-4, 33523.0
 _T4_HIGH = (3.235316e-4, -10.532965)
 _T4_LOW = (3.826692e-5, 0.002484)
-_GAINS = (10.0, 1.0, 0.1, 0.01)
 # how far one device is from the nominal one: a fraction of the data sheet's tolerance
 _SPREAD = 2e-3
 # a streamed analog input never reads 0xFFFF
 _TOP = 0xFFFE
-_FLASH_FLOATS = {"T7": 41, "T4": 19}
-_QUADRATURE_LINES = {"T7": (0, 1), "T4": (4, 5)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +122,13 @@ class Calibration:
         values: list[float] = []
         if model == "T7":
             for number in range(8):
-                slope = _T7_SLOPE * _GAINS[number % 4] / 10.0 * factor[number]
+                slope = _T7_SLOPE * T7_RANGES_V[number % 4] / 10.0 * factor[number]
                 values += [slope, -slope * factor[8 + number], _T7_CENTER + number, -slope * 33524]
         else:
             for number in range(5):
                 slope, offset = _T4_HIGH if number < 4 else _T4_LOW
                 values += [slope * factor[number], offset * factor[8 + number]]
-        values += [0.0] * (_FLASH_FLOATS[model] - len(values))
+        values += [0.0] * (FLASH_WORDS[model] - len(values))
         return cls(model, tuple(np.array(values, dtype=np.float32).astype(float).tolist()))
 
     def words(self, volts: FloatArray, number: int, range_v: float) -> NDArray[np.uint16]:
@@ -154,7 +148,7 @@ class Calibration:
     def _constants(self, number: int, range_v: float) -> tuple[float, ...]:
         """Return positive slope, negative slope and centre of an input."""
         if self.model == "T7":
-            at = 4 * _GAINS.index(range_v or 10.0)
+            at = 4 * T7_RANGES_V.index(range_v or 10.0)
             return self.floats[at : at + 3]
         at = 2 * min(number, 4)
         slope, offset = self.floats[at : at + 2]
@@ -183,7 +177,7 @@ class Wiring:
     @property
     def counter_line(self) -> int:
         """Line of the pair whose counter holds the encoder's count."""
-        return _QUADRATURE_LINES[self.model][0]
+        return QUADRATURE_LINES[self.model][0]
 
     def write_reference(self, terminal: str, value_v: float) -> None:
         """Put a voltage out at a terminal; only that of the reference leads anywhere."""
@@ -204,7 +198,6 @@ class Wiring:
         return self.calibration.words(volts, number, range_v)
 
 
-CORE_TIMER_HZ = 40e6
 _HEADER = struct.Struct(">HHHBBBBHHH")
 _JOINT = 0xFFFF
 # scans taken from the bench at once
@@ -215,12 +208,10 @@ _LIMIT_HZ = {"T7": 100_000.0, "T4": 50_000.0}
 _TIMER_OFFSET = 1000
 
 RECOVERING, RECOVERED, OVERLAP, UNCOUNTED, BURST, FULL = range(2940, 2946)
-_AIN_END, _LINES, _CAPTURE, _TIMER = 500, 2580, 4899, 61520
+_AIN_END, _TIMER = 500, reg.CORE.address
+_LINES, _CAPTURE = reg.FIO_EIO_STATE, reg.STREAM_CAPTURE_16
 
 
-_RATE, _ENTRIES, _PER_PACKET, _SETTLING, _BUFFER, _SCANS = 4002, 4004, 4006, 4008, 4012, 4020
-_STOP_WHEN_FULL, _LIST, _ENABLE = 4028, 4100, 4990
-_PLAIN = (_ENTRIES, _PER_PACKET, 4010, _BUFFER, 4014, 4016, 4018, _SCANS)
 _LONGEST = 128
 # what the buffer holds where nothing is asked for
 _BUFFER_BYTES = {"T4": 8192, "T7": 4096}
@@ -267,15 +258,13 @@ class StreamEngine:
         # whether the scan that marks the joint counts as skipped, too: no document says so
         self.count_joint = False
         self._forget(None)
-        rate = self.memory.hold(_RATE, "f32")
+        rate = self.memory.add(Cell(reg.STREAM_SETUP[0]))
         rate.on_read = lambda: actual_rate_hz(rate.value)
-        self.memory.hold_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
-        self.memory.hold(_SETTLING, "f32")
-        if self.wiring.model == "T7":
-            # a T4 has no such register: it always goes on
-            self.memory.hold(_STOP_WHEN_FULL, "u32")
+        for number in range(_LONGEST):
+            self.memory.add(Cell(reg.scan_list(number)))
+        enabled = Cell(reg.STREAM_ENABLE, on_read=lambda: int(self.running), on_write=self._switch)
+        self.memory.add(enabled)
         self.memory.hold(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
-        self.memory.hold(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
 
     def _switch(self, value: float) -> None:
         if bool(value) == self.running:
@@ -287,22 +276,27 @@ class StreamEngine:
 
     def _ordered(self) -> StreamOrder:
         """Return what the registers ask for."""
-        value, t7 = self.memory.value, self.wiring.model == "T7"
-        entries = min(int(value(_ENTRIES)), _LONGEST)
+        setting, t7 = self._setting, self.wiring.model == "T7"
+        entries = min(setting("NUM_ADDRESSES"), _LONGEST)
         return StreamOrder(
-            rate_hz=actual_rate_hz(float(value(_RATE))),
-            addresses=tuple(int(value(_LIST + 2 * n)) for n in range(entries)),
-            samples_per_packet=int(value(_PER_PACKET)),
-            buffer_samples=(int(value(_BUFFER)) or _BUFFER_BYTES[self.wiring.model]) // 2,
-            n_scans=int(value(_SCANS)),
-            stop_when_full=t7 and bool(value(_STOP_WHEN_FULL)),
+            rate_hz=actual_rate_hz(self.memory.value(reg.STREAM_SETUP[0].address)),
+            addresses=tuple(
+                int(self.memory.value(reg.scan_list(n).address)) for n in range(entries)
+            ),
+            samples_per_packet=setting("SAMPLES_PER_PACKET"),
+            buffer_samples=(setting("BUFFER_SIZE_BYTES") or _BUFFER_BYTES[self.wiring.model]) // 2,
+            n_scans=setting("NUM_SCANS"),
+            stop_when_full=t7 and bool(setting("AUTORECOVER_DISABLE")),
             ranges_v={number: self._range_v(number) for number in range(_INPUTS)},
         )
 
+    def _setting(self, name: str) -> int:
+        return int(self.memory.value(reg.BY_NAME[f"STREAM_{name}"].address))
+
     def _range_v(self, number: int) -> float:
         # ranges travel as 32-bit floats; 0 is the widest
-        value = float(self.memory.value(40000 + 2 * number)) or 10.0
-        return min(_GAINS, key=lambda known: abs(known - value))
+        value = self.memory.value(reg.analog_range(number).address) or 10.0
+        return min(T7_RANGES_V, key=lambda known: abs(known - value))
 
     def _forget(self, order: StreamOrder | None) -> None:
         """Count from the beginning of what is ordered."""
@@ -424,7 +418,7 @@ class StreamEngine:
             raise RefusedError(2615)
         if not 1 <= order.samples_per_packet <= 512:
             raise RefusedError(2618)
-        counter = 3000 + 2 * self.wiring.counter_line
+        counter = reg.ef_count(self.wiring.counter_line).address
         known = {_LINES, _CAPTURE, _TIMER, counter}
         for position, address in enumerate(order.addresses):
             analog = address < _AIN_END and address % 2 == 0

@@ -1,4 +1,4 @@
-"""Guarded bench, and its guard process: the motor never turns without it."""
+"""Guard process as its session sees it: started, given signs of life, asked, let go."""
 
 from __future__ import annotations
 
@@ -8,17 +8,12 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from hdbench.devices.bench import AcquisitionSettings, Block, SafeState
 from hdbench.devices.guard.order import GuardOrder, as_json
-from hdbench.devices.host.bench import HostedBench
-from hdbench.devices.operator import Simulation
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED
 
@@ -286,88 +281,3 @@ def _fault(what: str, fix: str = "") -> DeviceError:
         where=_WHERE,
         fix=fix or "run again; if it stays, free this computer of other work",
     )
-
-
-@dataclass(eq=False, kw_only=True)
-class GuardedBench(HostedBench):
-    """A `HostedBench` with a guard that lives from the first motion to the safe state.
-
-    Parameters
-    ----------
-    daq : Daq
-        The device, or a composite; owned by the bench from now on.
-    settings : HostSettings
-        What the profile says.
-    start_guard : callable
-        Starts a guard, once, when the first motion is configured.
-    simulation : Simulation, optional
-        Control channel of a simulated bench; whatever the device says, without it it is a real one.
-    speed : float, optional
-        Device seconds per second; other than 1 for an accelerated emulator only.
-    """
-
-    start_guard: Callable[[], GuardProcess]
-    simulation: Simulation | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.guard: GuardProcess | None = None
-        self._moves = False
-
-    def configure(self, settings: AcquisitionSettings) -> None:
-        """Configure the bench; before the first motion the guard is started."""
-        super().configure(settings)
-        self._moves = settings.reference is not None
-        if self._moves and self.guard is None:
-            self.guard = self.start_guard()
-
-    def start(self) -> None:
-        """Start sampling and, with a reference, the motion under the guard's eyes."""
-        guard = self.guard if self._moves else None
-        if guard is not None:
-            guard.watch("patiently")
-        super().start()
-        if guard is not None:
-            guard.watch("closely")
-
-    def read_block(self) -> Block | None:
-        """Return the next block; every call that comes back is a sign of life."""
-        try:
-            block = super().read_block()
-        except DeviceError:
-            if self.guard is not None:
-                # what the device refuses may be the guard's doing: then this raises
-                self.guard.check()
-            raise
-        if self.guard is not None:
-            self.guard.beat()
-        return block
-
-    def stop(self) -> None:
-        """Stop normally."""
-        if self.guard is not None and self._moves:
-            self.guard.watch("patiently")
-        super().stop()
-        if self.guard is not None and self._moves:
-            self.guard.watch("end-only")
-
-    def safe_state(self) -> SafeState:
-        """Make the bench safe; the guard goes once that is confirmed. Never raises."""
-        if self.guard is not None:
-            try:
-                self.guard.watch("patiently")
-            except DeviceError:
-                # what it has to say was said, or will be, elsewhere; the motor comes first
-                self._moves = False
-        safe = super().safe_state()
-        if safe.confirmed and self.guard is not None:
-            self.guard.end()
-            self.guard = None
-        return safe
-
-    def close(self) -> None:
-        """Close the connection; a guard that is still there stops the motor. Never raises."""
-        super().close()
-        if self.guard is not None:
-            self.guard.abandon()
-            self.guard = None
