@@ -89,14 +89,19 @@ def _serve(listener: socket.socket, secret: str, ended: threading.Event) -> None
             # closed, or no descriptor left for a moment
             ended.wait(_GRAIN_S)
             continue
-        with link, suppress(OSError):
-            link.settimeout(_ANSWER_S)
-            asked = link.recv(_LONGEST).decode("ascii", "replace").strip()
-            what, _, said = asked.partition(" ")
-            if secrets.compare_digest(said.encode(), secret.encode()) and what in ("here", "stop"):
-                link.sendall(b"yes\n")
-                if what == "stop" and not ended.is_set():
-                    signal_self(signal.SIGTERM)
+        # one who says nothing holds up nobody else
+        threading.Thread(target=_answer, args=(link, secret, ended), daemon=True).start()
+
+
+def _answer(link: socket.socket, secret: str, ended: threading.Event) -> None:
+    with link, suppress(OSError):
+        link.settimeout(_ANSWER_S)
+        asked = link.recv(_LONGEST).decode("ascii", "replace").strip()
+        what, _, said = asked.partition(" ")
+        if secrets.compare_digest(said.encode(), secret.encode()) and what in ("here", "stop"):
+            link.sendall(b"yes\n")
+            if what == "stop" and not ended.is_set():
+                signal_self(signal.SIGTERM)
 
 
 @contextmanager

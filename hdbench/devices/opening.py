@@ -156,20 +156,24 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
             where="address embedded",
             fix="stop that command, or name the address of a device",
         )
-    there = _numbered(_at(data, {"address": where}))
-    for name in addresses_of(there.daq):
-        # a serial line has one master: the run that has it is asked to stop first
-        if is_line(name):
-            release(name)
+    there = _at(data, {"address": where})
     try:
-        return made_safe(there)
+        return _stopped(there)
     except HdbenchError as error:
         *_, driving = there.daq.part_tables().values()
         if driving is there.daq:
             raise
         # whatever is the matter with the inputs, the part that drives the motor is stopped
-        safe = made_safe(there.model_copy(update={"daq": driving}))
+        safe = _stopped(there.model_copy(update={"daq": driving}))
         return replace(safe, confirmed=False, detail=f"{safe.detail}; but {error.what}")
+
+
+def _stopped(data: ProfileData) -> SafeState:
+    """Make a bench safe whose serial lines a run may have: a line has one master."""
+    there = _numbered(data)
+    for name in filter(is_line, addresses_of(there.daq)):
+        release(name)
+    return made_safe(there)
 
 
 def made_safe(data: ProfileData) -> SafeState:

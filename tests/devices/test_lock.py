@@ -261,3 +261,14 @@ def test_without_locks_a_bench_is_held_while_its_process_answers(monkeypatch):
         run.wait(60)
     with exclusive(LINE):
         pass
+
+
+def test_callers_who_say_nothing_keep_no_request_from_being_heard():
+    with lock.listening() as place:
+        port, secret = place.split()
+        silent = [socket.create_connection(("127.0.0.1", int(port))) for _ in range(3)]
+        try:
+            assert lock.Holder(port=int(port), secret=secret).ask("here")
+        finally:
+            for link in silent:
+                link.close()

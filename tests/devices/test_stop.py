@@ -7,7 +7,7 @@ import pytest
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.errors import UsageError
+from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 
@@ -59,3 +59,28 @@ def test_a_labjack_that_another_session_drives_is_stopped(tmp_path):
 def test_the_embedded_bench_has_nobody_else_to_stop_it():
     with pytest.raises(UsageError, match="inside the command"):
         stop_bench(load_profile("cim-tr-97-06"), address="embedded")
+
+
+@pytest.mark.parametrize("what", ["name", "line"])
+def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, monkeypatch):
+    """A name server that is down, or a frozen run on the inputs' line, keeps no motor running."""
+    data = load_profile("di-2108-ek9000").data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
+        there = opening._at(data, found)
+        inputs = there.daq.inputs.address
+
+        def number(address):
+            if address == inputs and what == "name":
+                raise DeviceError("the host name is not known", where=address, fix="correct it")
+            return address
+
+        def release(address):
+            if address == inputs and what == "line":
+                raise BusyError("a run that does not end has it", where=address, fix="kill it")
+
+        monkeypatch.setattr(opening, "numbered", number)
+        monkeypatch.setattr(opening, "release", release)
+        safe = stop_bench(there)
+    assert safe.reference_v == pytest.approx(0.0, abs=0.01)
+    assert "but" in safe.detail
+    assert not safe.confirmed, "nobody has seen the motor stand"
