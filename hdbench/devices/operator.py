@@ -83,7 +83,7 @@ class Simulation:
             answer = json.loads(line)
         except OSError as error:
             raise self._error(f"no answer ({error.strerror or error})") from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise self._error("this is no emulator's control channel") from error
         if answer != {"ok": True}:
             refused = answer.get("refused") if isinstance(answer, dict) else None

@@ -22,6 +22,8 @@ Chunk = tuple[bytes, float]
 _BAUD = 115200
 _CHUNK = 65536
 _GRAIN_S = 0.05
+# of what nobody takes, bytes: at the highest rate what comes in 20 s
+_MOST_WAITING = 4 << 20
 _JOIN_S = 1.0
 _FIX = "check cable and power; the instrument must be in its CDC mode, then run `hdbench doctor`"
 
@@ -48,6 +50,7 @@ class Port:
         self._thread: threading.Thread | None = None
         self._changed = threading.Condition()
         self._chunks: deque[Chunk] = deque()
+        self._waiting = 0
         self._ended = threading.Event()
         self._fault = ""
 
@@ -72,6 +75,7 @@ class Port:
                 self._changed.wait(left_s)
             chunks = list(self._chunks)
             self._chunks.clear()
+            self._waiting = 0
         if not chunks and self._fault:
             raise self._error(self._fault)
         return chunks
@@ -93,6 +97,7 @@ class Port:
             self._fault = ""
             self._ended.clear()
             self._chunks.clear()
+            self._waiting = 0
             self._thread = threading.Thread(
                 target=self._read, args=(self._io,), name="dataq-port", daemon=True
             )
@@ -119,6 +124,10 @@ class Port:
             with self._changed:
                 if data:
                     self._chunks.append((data, time.monotonic()))
+                    self._waiting += len(data)
+                while self._waiting > _MOST_WAITING:
+                    # a stream that lost so much is found out by its marks and by the clock
+                    self._waiting -= len(self._chunks.popleft()[0])
                 self._fault = fault
                 if data or fault:
                     self._changed.notify_all()

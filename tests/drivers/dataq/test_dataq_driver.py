@@ -9,10 +9,13 @@ import pytest
 from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
 from faults.lines import faulty_serial
 from faults.mangler import Mangler, RawFraming
+from nodekit import until
 
+from hdbench.drivers.dataq import port as serial_port
 from hdbench.drivers.dataq.port import Commands, Port
 from hdbench.drivers.dataq.scans import MODELS
 from hdbench.errors import BusyError, DeviceError
+from hdbench.system.lines import terminal_pair
 
 
 def keep_reading(daq, blocks):
@@ -250,3 +253,22 @@ def test_roles_keep_their_order():
     assert values.shape == (40, 2)
     assert np.allclose(values[5:, 0], 1.0, atol=1e-3)
     assert ROLES[0] == "torque"
+
+
+def test_an_instrument_that_sends_while_nobody_reads_takes_no_memory_without_end(monkeypatch):
+    most = 1 << 20
+    monkeypatch.setattr(serial_port, "_MOST_WAITING", most, raising=False)
+    near, far, path = terminal_pair(blocking=True)
+    port, sent = Port(path), 0
+    try:
+        port.receive(0.0)
+        until_s = time.monotonic() + 30.0
+        while sent < 2 * most and time.monotonic() < until_s:
+            sent += os.write(near, bytes(65536))
+        until(lambda: not port._io.readable(0.0), 10.0)
+        assert sent >= 2 * most
+        assert sum(len(data) for data, _ in port.receive(0.0)) <= most
+    finally:
+        port.close()
+        os.close(near)
+        os.close(far)
