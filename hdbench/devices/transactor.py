@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from hdbench.devices.wire.link import ExceptionReply, FrameError, Link, ReplyCheck
+from hdbench.devices.wire.link import ExceptionReply, FrameError, Link, ReplyCheck, Request
 from hdbench.errors import DeviceError, HdbenchError
 
 Build = Callable[[], tuple[bytes, ReplyCheck]]
@@ -71,6 +71,8 @@ class Transactor:
         self._deadline_s = deadline_s
         self._clock = clock
         self._lock = threading.Lock()
+        self._known: tuple[Request, bytes] | None = None
+        link.opened = self._reopened
 
     def transact(self, build: Build, name: str, attempts: int) -> bytes:
         """Send a request for what is called `name` and return the PDU of its reply."""
@@ -96,9 +98,22 @@ class Transactor:
         finally:
             self._lock.release()
 
+    def recognise(self, request: Request, shown: bytes) -> None:
+        """Let every later connection be to the device whose reply ends so."""
+        self._known = (request, shown)
+
     def close(self) -> None:
         """Close the connection; never raises."""
         self._link.close()
+
+    def _reopened(self, until_s: float) -> None:
+        """Make sure, on a fresh connection, that no other device has taken the address over."""
+        if self._known is not None:
+            self._check_known(self._link.transact(*self._known[0], until_s))
+
+    def _check_known(self, reply: bytes) -> None:
+        if self._known is not None and not reply.endswith(self._known[1]):
+            raise FrameError("another device answers at this address than before")
 
     def error(self, what: str, name: str, fix: str) -> DeviceError:
         """Return an error that names a value of the device."""

@@ -531,3 +531,26 @@ def _drain(core, clock, *, pause_after, pause_s):
             return received, lost
         clock.now_s += 0.004
     raise AssertionError("the acquisition did not end")
+
+
+def test_after_a_lost_connection_another_node_at_the_address_is_never_written_to():
+    """Two adapters that change places: the stranger stands still, and would confirm it."""
+    strange = []
+
+    def mangle(number, reply):
+        # the identity's reply: its serial number changes once the first connection is gone
+        if strange and reply[7:9] == b"\x03\x48":
+            return reply.replace(b"sim-0", b"sim-9")
+        return reply
+
+    with through(mangle, deadline_s=1.0) as (bench, node, frames):
+        bench.identity()
+        bench.daq.node._link.close()
+        strange.append(True)
+        asked = len(frames)
+        safe = bench.safe_state()
+        assert not safe.confirmed
+        assert "another device" in safe.detail
+        # nothing but reads was sent to it
+        assert {frame[7] for frame in frames[asked:]} <= {3}
+    assert node.core.machine.starts == 0

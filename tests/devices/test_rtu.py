@@ -302,6 +302,34 @@ def test_a_line_that_is_never_quiet_holds_no_call_beyond_its_deadline():
         ended.set()
 
 
+class _Repeater:
+    """A line on which whole frames to another question come for 3 s, without a pause."""
+
+    def __init__(self):
+        self._until_s = 0.0
+        self._frame = _reply(b"\1\3\0\7\0\2", fill=1)
+
+    def readable(self, wait_s):
+        return time.monotonic() < self._until_s
+
+    def read(self, size):
+        return self._frame
+
+    def write(self, data):
+        self._until_s = time.monotonic() + 3.0
+        return len(data)
+
+
+def test_replies_of_before_that_never_end_hold_no_call_beyond_its_deadline():
+    def check(pdu):
+        raise StaleReply
+
+    link = RtuLink(parse_address("rtu:///dev/none?baud=115200"), 1)
+    link._io = _Repeater()
+    with _fails("in time", 0.22 + SLACK_S):
+        link.transact(read_registers(7, 2)[0], check, time.monotonic() + 0.2)
+
+
 def test_a_line_that_somebody_else_reads_is_not_taken_for_unplugged(monkeypatch):
     with _linked() as (_, ask):
         ask()

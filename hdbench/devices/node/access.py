@@ -136,7 +136,6 @@ class NodeAccess(Transactor):
         self._session = 0
         self._heartbeat = 0
         self._nonce = 0
-        link.opened = self._present_session
 
     def read(self, group: Sequence[Register]) -> bytes:
         """Return the bytes of adjacent registers."""
@@ -201,19 +200,20 @@ class NodeAccess(Transactor):
                 self._link.close()
         super().close()
 
-    def _present_session(self, until_s: float) -> None:
-        """Show the token on a fresh connection."""
+    def _reopened(self, until_s: float) -> None:
+        """Make sure that it is the same node; the same exchange shows it the session's token."""
         if not self._session:
+            super()._reopened(until_s)
             return
-        address = reg.register("session").address
-        pdu, check = write_registers(address, struct.pack(">I", self._session))
+        address, token = reg.register("session").address, struct.pack(">I", self._session)
         try:
-            self._link.transact(pdu, check, until_s)
+            asked = exchange_registers(*span(reg.IDENTITY), address, token)
+            reply = self._link.transact(*asked, until_s)
         except ExceptionReply:
             # the session is lost; without it a new connection may still read, and stop the motor
             self._session = 0
-            self._link.close()
             raise
+        self._check_known(reply[2:])
 
     def _repeat(self, build: Build, name: str) -> bytes:
         return self.transact(build, name, TWICE)[2:]
@@ -253,7 +253,9 @@ class NodeAccess(Transactor):
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
         if self._identity is None:
-            values = decode_group(reg.IDENTITY, self.read(reg.IDENTITY))
+            request = read_registers(*span(reg.IDENTITY))
+            reply = self.transact(lambda: request, reg.IDENTITY[0].name, TWICE)
+            values = decode_group(reg.IDENTITY, reply[2:])
             if values["word_order"] != reg.WORD_ORDER_TEST:
                 raise self.error(
                     f"word order test reads 0x{values['word_order']:08X}; "
@@ -272,6 +274,7 @@ class NodeAccess(Transactor):
                 **{name: str(values[name]) for name in ("vendor", "model", "serial", "firmware")},
                 simulated=bool(int(values["capabilities"]) & reg.Capability.SIMULATED),
             )
+            self.recognise(request, reply[2:])
         return self._identity
 
     def limits(self) -> dict[str, Value]:

@@ -149,7 +149,9 @@ class RtuLink:
             reply = self._reply(io, until_s)
             try:
                 check(reply)
-            except StaleReply:
+            except StaleReply as stale:
+                if not time.monotonic() < until_s:
+                    raise FrameError("no valid reply in time") from stale
                 continue
             return reply
 
@@ -254,7 +256,12 @@ class RtuLink:
             # a program before this one may have left a question open
             self._doubtful = True
             if self.opened is not None:
-                self.opened(until_s)
+                try:
+                    self.opened(until_s)
+                except Exception:
+                    # nothing is asked on a connection that did not begin well
+                    self.close()
+                    raise
             return io
         return self._io
 

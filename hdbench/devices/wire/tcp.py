@@ -179,7 +179,12 @@ class TcpLink:
         timed = TimedSocket(connection)
         self._socket, self._received = timed, b""
         if self.opened is not None:
-            self.opened(until_s)
+            try:
+                self.opened(until_s)
+            except Exception:
+                # nothing is asked on a connection that did not begin well
+                self.close()
+                raise
         return timed
 
     def _reply(self, connection: TimedSocket, number: int, until_s: float) -> bytes:

@@ -81,7 +81,7 @@ class Control(Transactor):
         for part in _parts(registers):
             count = sum(register.size for register in part)
             request = read_registers(part[0].address, count)
-            values += _decoded(part, self._transact(request, part[0], TWICE)[2:])
+            values += decoded(part, self.ask(request, part[0], TWICE)[2:])
         return values
 
     def write(self, registers: Sequence[Register], values: Sequence[float]) -> None:
@@ -92,7 +92,7 @@ class Control(Transactor):
         for part in _parts(registers):
             raw = b"".join(reg.encode(value) for reg, value in pairs[: len(part)])
             pairs = pairs[len(part) :]
-            self._transact(write_registers(part[0].address, raw), part[0], 1)
+            self.ask(write_registers(part[0].address, raw), part[0], 1)
 
     def feedback(
         self,
@@ -104,14 +104,15 @@ class Control(Transactor):
         """Write, then read, in one transaction."""
         first = writes[0][0] if writes else reads[0]
         attempts = TWICE if repeatable else 1
-        raw = self._transact(feedback_request(writes, reads), first, attempts)
-        return _decoded(reads, raw[1:])
+        raw = self.ask(feedback_request(writes, reads), first, attempts)
+        return decoded(reads, raw[1:])
 
     def error_at(self, register: Register, what: str, fix: str) -> DeviceError:
         """Return an error that names a register."""
         return self.error(what, f"register {register.describe()}", fix)
 
-    def _transact(self, request: Request, first: Register, attempts: int) -> bytes:
+    def ask(self, request: Request, first: Register, attempts: int) -> bytes:
+        """Send a request for registers and return the PDU of its reply."""
         return self.transact(lambda: request, f"register {first.describe()}", attempts)
 
     def _refused(self, reply: ExceptionReply, name: str, until_s: float) -> HdbenchError:
@@ -147,7 +148,8 @@ def _parts(registers: Sequence[Register]) -> list[Sequence[Register]]:
     return [*parts, registers[start:]]
 
 
-def _decoded(registers: Sequence[Register], raw: bytes) -> list[float | int]:
+def decoded(registers: Sequence[Register], raw: bytes) -> list[float | int]:
+    """Return the values of registers from their bytes, one behind the other."""
     values: list[float | int] = []
     for register in registers:
         values.append(decode(raw[: 2 * register.size], register.kind))

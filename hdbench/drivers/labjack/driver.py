@@ -16,9 +16,10 @@ from hdbench.devices.daq import (
     clean_text,
 )
 from hdbench.devices.safestate import Seen
+from hdbench.devices.transactor import TWICE
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import connect
-from hdbench.drivers.labjack.control import Control, Session
+from hdbench.drivers.labjack.control import Control, Session, decoded, feedback_request
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, user_name
 from hdbench.drivers.labjack.scanlist import (
@@ -54,8 +55,11 @@ def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
             f"reads 0x{int(test):08X}; needed: 0x{TEST_VALUE:08X}{swapped}",
             "this is no LabJack T-series device, or a gateway on the way swaps its words",
         )
-    product, _, firmware, serial = control.read(*IDENTITY)
+    request = feedback_request((), IDENTITY)
+    reply = control.ask(request, IDENTITY[0], TWICE)
+    product, _, firmware, serial = decoded(IDENTITY, reply[1:])
     _check_model(control, round(product), int(serial), table)
+    control.recognise(request, reply[1:])
     return Identity(
         vendor="LabJack",
         model=table.model,

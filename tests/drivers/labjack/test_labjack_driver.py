@@ -367,3 +367,16 @@ def test_a_t4_measures_the_same_bench_with_its_twelve_bits():
         driver(1, auto_recover=False, **changes),
     ):
         pass
+
+
+def test_after_a_lost_connection_another_labjack_at_the_address_is_never_written_to():
+    with claimed() as (device, daq):
+        daq.write_output("reference", 1.0)
+        daq.control._link.close()
+        device.device.memory.put(60028, 470_000_001)
+        safe = daq.safe_state()
+        assert not safe.confirmed
+        assert "another device" in safe.detail
+        assert device.instrument.reference_v == 1.0
+        device.device.memory.put(60028, int(daq.identity().serial))
+        assert daq.safe_state().confirmed
