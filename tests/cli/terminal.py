@@ -7,13 +7,12 @@ import re
 import select
 import signal
 import struct
-import subprocess
-import sys
 import termios
 import time
 from collections.abc import Sequence
 
-RUN = [sys.executable, "-m", "hdbench_cli"]
+from forked import fork
+
 _CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 
 
@@ -23,15 +22,7 @@ class Person:
     def __init__(self, arguments: Sequence[str], *, term: str = "xterm") -> None:
         self.master, slave = pty.openpty()
         self.resize(24, 80)
-        self.process = subprocess.Popen(
-            [*RUN, *arguments],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            env={**os.environ, "TERM": term},
-            start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-        )
+        self.process = fork(arguments, terminal=slave, TERM=term)
         os.close(slave)
         self.raw = ""
         self.seen = 0
@@ -68,7 +59,7 @@ class Person:
         os.write(self.master, keys.encode())
 
     def kill(self) -> None:
-        os.kill(self.process.pid, signal.SIGKILL)
+        self.process.send(signal.SIGKILL)
         self.end()
 
     def end(self, seconds: float = 60.0) -> int:
@@ -77,7 +68,7 @@ class Person:
         while self._read(0.1):
             assert time.monotonic() < until, f"does not end: {self.text[-600:]!r}"
         os.close(self.master)
-        return self.process.wait(60)
+        return self.process.wait()
 
     def _read(self, seconds: float) -> bool:
         """Take what is shown; False once the terminal is closed."""
