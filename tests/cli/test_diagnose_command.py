@@ -64,9 +64,9 @@ a,0,full,cw,up,35,5.31
 """
 
 
-def trace_file(folder, amplitude_nm, change=lambda torque: None):
+def trace_file(folder, amplitude_nm, change=lambda torque: None, n=6000):
     ripple = ((2.0, 0.4, 0.0), (5.5, amplitude_nm, 0.0))
-    trace = record(motion=(90.0, 40.0, 6.0), ripple=ripple, n=6000, seed=3)
+    trace = record(motion=(90.0, 40.0, 6.0), ripple=ripple, n=n, seed=3)
     change(trace["torque_nm"])
     file = folder / "trace.csv"
     write_trace(file, trace)
@@ -107,16 +107,16 @@ def test_the_extended_model_continues_and_leaves_nothing_to_find(hidden):
     assert code == 0
 
 
-def test_doubtful_data_exit_6_and_a_check_still_comes_first(tmp_path):
-    def harm(torque):
-        torque[2000:2040] = np.nan
+def test_a_failed_check_comes_before_doubtful_data(tmp_path):
+    """Doubtful data alone exit 6: test_newcomer."""
 
-    file = str(trace_file(tmp_path, 0.1, harm))
-    code, out = run(tmp_path, "--json", file)
-    assert code == 6
+    def harm(torque):
+        torque[800:840] = np.nan
+
+    code, out = run(tmp_path, "--json", "--check", trace_file(tmp_path, 0.1, harm, n=1500))
+    assert code == 3
     (flag,) = json.loads(out)["data_flags"]
     assert (flag["name"], flag["samples"]) == ("missed-samples", 40)
-    assert run(tmp_path, "--check", file)[0] == 3
 
 
 def test_loads_are_told_from_a_trace_by_their_columns(tmp_path):

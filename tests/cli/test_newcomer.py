@@ -104,36 +104,30 @@ def without_rights() -> list[str]:
     return [tool, f"--bounding-set={lost}", f"--inh-caps={lost}"]
 
 
-def run(folder: Path, *words: object, before: tuple[str, ...] = (), **limits: int) -> Told:
-    def limit() -> None:
-        if limits:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limits["file"], limits["file"]))
-
-    command = [*before, sys.executable, "-m", "hdbench_cli", *map(str, words), "--json"]
-    done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, check=False, preexec_fn=limit
-    )
-    assert "Traceback" not in done.stderr
-    error = json.loads(done.stdout)["error"]
-    return Told(done.returncode, error["kind"], error["what"], error["where"], error["fix"])
-
-
 def test_no_right_to_write(tmp_path):
     trace = write(tmp_path / "trace.csv", columns(600))
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o555)
-    words = ("filter", trace, "--model", "report-6", "--out", closed / "out.csv")
-    told = run(tmp_path, *words, before=tuple(without_rights()))
-    assert (told.code, told.kind) == (7, "storage")
-    assert "Permission denied" in told.what
-    assert str(closed) in told.where
-    assert "write to" in told.fix
+    words = ["filter", trace, "--model", "report-6", "--out", closed / "out.csv", "--json"]
+    command = [*without_rights(), sys.executable, "-m", "hdbench_cli", *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+    error = json.loads(done.stdout)["error"]
+    assert (done.returncode, error["kind"]) == (7, "storage")
+    assert "Permission denied" in error["what"]
+    assert str(closed) in error["where"]
+    assert "write to" in error["fix"]
 
 
-def test_a_disk_that_takes_no_more(tmp_path):
+def test_a_disk_that_takes_no_more(ask, tmp_path):
     trace = write(tmp_path / "trace.csv", columns(600))
     words = ("filter", trace, "--model", "report-6", "--out", tmp_path / "out.csv")
-    told = run(tmp_path, *words, file=4096)
+    limit, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most))
+    try:
+        told = ask(*words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, most))
     assert (told.code, told.kind) == (7, "storage")
     assert str(tmp_path / "out.csv") in told.where
     assert not (tmp_path / "out.csv").exists()
