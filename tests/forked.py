@@ -1,103 +1,83 @@
-"""A command line in a fork of this process: what it imports is loaded already."""
+"""Processes that are forks of this one: what they import is loaded already."""
 
 from __future__ import annotations
 
 import fcntl
 import os
 import signal
+import subprocess
 import sys
 import termios
-import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib import import_module
-from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
-_NOTHING = Path(os.devnull)
-
-
-@dataclass
-class Forked:
-    """A command in a process of its own, and the file in which its stderr is kept."""
-
-    pid: int
-    said: Path
-    code: int | None = None
-
-    def poll(self) -> int | None:
-        """Return the exit code once there is one."""
-        if self.code is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            self.code = os.waitstatus_to_exitcode(status) if pid else None
-        return self.code
-
-    def wait(self, seconds: float = 60.0) -> int:
-        """Return the exit code, which has to come in time."""
-        until = time.monotonic() + seconds
-        while self.poll() is None:
-            assert time.monotonic() < until, f"does not end: {self.text}"
-            time.sleep(0.01)
-        return self.code
-
-    def send(self, signum: int) -> None:
-        """Send a signal to a process that has not ended."""
-        if self.poll() is None:
-            os.kill(self.pid, signum)
-
-    @property
-    def text(self) -> str:
-        """What it said on stderr."""
-        return self.said.read_text(errors="replace")
+import pytest
 
 
-def fork(
-    words: Sequence[object],
-    *,
-    said: Path = _NOTHING,
-    stdin: int | None = None,
-    stdout: int | None = None,
-    terminal: int | None = None,
-    **environment: str,
-) -> Forked:
-    """Start a command on these streams, or on a terminal that becomes its own."""
-    # what every run loads
-    import_module("hdbench_cli.commands.experiment")
-    main = import_module("hdbench_cli.main").main
+def forked(act: Callable[[], object], **keys: Any) -> subprocess.Popen[Any]:
+    """Start a process that acts and ends; `keys` are those of `Popen`."""
+
+    def instead() -> None:
+        """Run in place of the program that `Popen` would start, on its streams."""
+        code = 70
+        try:
+            # the other end of the pipe by which `Popen` waits is among them
+            os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+            os.environ.update(keys.get("env") or {})
+            opened = partial(open, closefd=False)
+            sys.stdin, sys.stdout, sys.stderr = map(opened, range(3), "rww")
+            for signum in (signal.SIGTERM, signal.SIGHUP):
+                signal.signal(signum, signal.SIG_DFL)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            act()
+            code = 0
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+        except BaseException:  # noqa: BLE001 - as Python tells it at the end of a process
+            sys.excepthook(*sys.exc_info())
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+
     with warnings.catch_warnings():
         # the child goes on in one thread alone
         warnings.simplefilter("ignore", DeprecationWarning)
-        pid = os.fork()
-    if pid:
-        return Forked(pid, said)
-    code = 70
-    try:
-        if terminal is None:
-            nothing = os.open(os.devnull, os.O_RDWR)
-            stderr = os.open(said, os.O_WRONLY | os.O_CREAT, 0o644)
-            streams = [nothing if one is None else one for one in (stdin, stdout)] + [stderr]
-        else:
-            streams = [terminal] * 3
-        os.environ.update(environment)
-        _use(streams, owned=terminal is not None)
+        return subprocess.Popen(["-"], preexec_fn=instead, restore_signals=False, **keys)
+
+
+def hdbench_process(
+    words: Sequence[object], *, terminal: bool = False, **keys: Any
+) -> subprocess.Popen[Any]:
+    """Start a command line, on a terminal of its own where its streams are one."""
+    # what every run loads
+    import_module("hdbench_cli.commands.experiment")
+    main = import_module("hdbench_cli.main").main
+
+    def run() -> None:
+        if terminal:
+            fcntl.ioctl(0, termios.TIOCSCTTY, 0)
         main([str(word) for word in words])
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 1
-    except BaseException:  # noqa: BLE001 - as Python tells it at the end of a process
-        sys.excepthook(*sys.exc_info())
-    finally:
-        os._exit(code)
+
+    return forked(run, start_new_session=terminal, **keys)
 
 
-def _use(streams: Sequence[int], *, owned: bool) -> None:
-    """Take these descriptors for the standard streams, close the others, hear every signal."""
-    os.setsid()
-    for number, descriptor in enumerate(streams):
-        os.dup2(descriptor, number)
-    if owned:
-        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-    os.closerange(3, os.sysconf("SC_OPEN_MAX"))
-    sys.stdin, sys.stdout, sys.stderr = map(os.fdopen, range(3), "rww")
-    for signum in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(signum, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+@pytest.fixture(autouse=True, scope="module")
+def warm_emulators() -> Iterator[None]:
+    """Let emulators be forks, where a conftest takes this: a cold start takes a second."""
+    process = import_module("hdbench.devices.emulator.process")
+
+    def popen(words: Sequence[str], **keys: Any) -> subprocess.Popen[Any]:
+        assert "hdbench.devices.emulator" in words[-1]
+        import_module("hdbench.devices.emulator.serving")
+        main = import_module("hdbench.devices.emulator.__main__").main
+        return forked(lambda: sys.exit(main()), **keys)
+
+    named = {**vars(subprocess), "Popen": popen}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process, "subprocess", SimpleNamespace(**named))
+        yield

@@ -5,13 +5,12 @@ import os
 import pty
 import re
 import select
-import signal
 import struct
 import termios
 import time
 from collections.abc import Sequence
 
-from forked import fork
+from forked import hdbench_process
 
 _CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 
@@ -22,7 +21,8 @@ class Person:
     def __init__(self, arguments: Sequence[str], *, term: str = "xterm") -> None:
         self.master, slave = pty.openpty()
         self.resize(24, 80)
-        self.process = fork(arguments, terminal=slave, TERM=term)
+        streams = dict.fromkeys(("stdin", "stdout", "stderr"), slave)
+        self.process = hdbench_process(arguments, terminal=True, env={"TERM": term}, **streams)
         os.close(slave)
         self.raw = ""
         self.seen = 0
@@ -59,7 +59,7 @@ class Person:
         os.write(self.master, keys.encode())
 
     def kill(self) -> None:
-        self.process.send(signal.SIGKILL)
+        self.process.kill()
         self.end()
 
     def end(self, seconds: float = 60.0) -> int:
@@ -68,7 +68,7 @@ class Person:
         while self._read(0.1):
             assert time.monotonic() < until, f"does not end: {self.text[-600:]!r}"
         os.close(self.master)
-        return self.process.wait()
+        return self.process.wait(60)
 
     def _read(self, seconds: float) -> bool:
         """Take what is shown; False once the terminal is closed."""

@@ -4,9 +4,10 @@ import json
 import os
 import re
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
-from forked import fork
+from forked import hdbench_process
 from terminal import Person
 
 from hdbench.records import resolve_input
@@ -132,19 +133,17 @@ def test_a_terminal_that_is_closed_keeps_the_run(bench, out):
     set_up(person)
     person.wait_for(r"\[3 of 6\].*\n  > ")
     os.close(person.master)
-    assert person.process.wait() in (5, 129)
+    assert person.process.wait(60) in (5, 129)
     (path,) = out.iterdir()
     assert verify_run(path).status == "incomplete"
 
 
 def test_the_end_of_piped_answers_keeps_the_run(bench, out):
-    (out.parent / "answers").write_text("\n\n\n\n")
     words = ["calibrate", "--profile", bench, "--out", out, "--no-report", "--operator", "person"]
-    with open(out.parent / "answers") as answers, open(out.parent / "told", "w+") as told:
-        done = fork([*words, "--json"], stdin=answers.fileno(), stdout=told.fileno())
-        assert done.wait() == 5
-        told.seek(0)
-        assert "standard input has ended" in json.load(told)["error"]["what"]
+    process = hdbench_process([*words, "--json"], stdin=PIPE, stdout=PIPE, text=True)
+    told, _ = process.communicate("\n\n\n\n", timeout=60)
+    assert process.returncode == 5
+    assert "standard input has ended" in json.loads(told)["error"]["what"]
     (path,) = out.iterdir()
     assert verify_run(path).readings_in_journal == 2
 

@@ -2,10 +2,11 @@
 
 import json
 import signal
-import subprocess
 import sys
+from subprocess import PIPE
 
 import pytest
+from forked import hdbench_process
 
 from hdbench.devices import stop_bench
 from hdbench.profile import load_profile
@@ -20,8 +21,7 @@ def test_another_address_than_the_loopback_needs_the_word(address, hdbench):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 def test_on_a_serial_line_it_prints_the_address_that_a_host_opens():
-    command = [sys.executable, "-m", "hdbench_cli", "emulate", "--json", "--rtu"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = hdbench_process(["emulate", "--json", "--rtu"], stdout=PIPE, stderr=PIPE)
     try:
         told = json.loads(process.stdout.readline())
         assert told["address"].startswith("rtu:///dev/")

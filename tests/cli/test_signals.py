@@ -9,9 +9,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 
 import pytest
-from forked import Forked, fork
+from forked import hdbench_process
 
 from hdbench_cli import main as main_module
 from hdbench_cli.output import Output
@@ -20,9 +21,10 @@ from hdbench_cli.output import Output
 class Served:
     """An emulated bench in its own process, with the history of its motor."""
 
-    def __init__(self, process: Forked, told: dict[str, str], profile: Path, record: Path) -> None:
+    def __init__(self, process: Popen[str], profile: Path, record: Path) -> None:
+        told = json.loads(process.stdout.readline())
         self.process = process
-        self.words = ("--profile", profile, "--address", told["address"])
+        self.words = ("--profile", str(profile), "--address", told["address"])
         self.control = told["control"]
         self.record = record
 
@@ -34,14 +36,13 @@ class Served:
 def serving(folder: Path, text: str) -> Iterator[Served]:
     record, profile = folder / "motor.jsonl", folder / "bench.toml"
     profile.write_text(text)
-    words = ["--pace", "realtime", "--profile", profile, "--record", record, "--json"]
-    near, far = os.pipe()
-    process = fork(["emulate", *words], stdout=far)
-    os.close(far)
-    with open(near) as told:
-        yield Served(process, json.loads(told.readline()), profile, record)
-        process.send(signal.SIGTERM)
-        process.wait()
+    words = ["--profile", str(profile), "--record", str(record)]
+    words = ["emulate", "--pace", "realtime", *words, "--json"]
+    process = hdbench_process(words, stdout=PIPE, stderr=DEVNULL, text=True)
+    yield Served(process, profile, record)
+    process.terminate()
+    process.wait(timeout=60)
+    process.stdout.close()
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +58,9 @@ def served(tmp_path_factory: pytest.TempPathFactory, text: str) -> Iterator[Serv
         yield bench
 
 
-def start(served: Served, out: Path, command: str = "run-ripple") -> Forked:
-    words = [command, *served.words, "--control", served.control, "--no-report", "--yes"]
-    return fork([*words, "--out", out], said=out.with_suffix(".stderr"))
+def start(served: Served, out: Path, command: str = "run-ripple") -> Popen[str]:
+    words = [command, *served.words, "--control", served.control, "--out", out]
+    return hdbench_process([*words, "--no-report", "--yes"], stdout=PIPE, stderr=PIPE, text=True)
 
 
 def wait_for(condition, seconds: float = 60.0) -> None:
@@ -82,9 +83,10 @@ def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(served, tmp_p
     out = tmp_path / "runs"
     process = start(served, out)
     wait_for(lambda: journal_size(out) > 20_000)
-    process.send(signal.SIGTERM)
-    assert process.wait() == 143, process.text
-    assert "Traceback" not in process.text
+    process.send_signal(signal.SIGTERM)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 143, stderr
+    assert "Traceback" not in stderr
     run = manifest(out)
     assert run["status"] == "incomplete"
     assert "motor reference zero confirmed" in str(run["exit_reason"])
@@ -100,9 +102,10 @@ def test_a_signal_in_any_phase_gives_no_traceback(served, tmp_path, delay_s):
     process = start(served, out)
     wait_for(lambda: any(out.glob("*/run.json")))
     time.sleep(delay_s)
-    process.send(signal.SIGINT)
-    assert process.wait() == 130, process.text
-    assert "Traceback" not in process.text
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in stderr
     assert manifest(out)["status"] == "incomplete"
 
 
@@ -111,8 +114,9 @@ def test_a_signal_during_a_calibration_keeps_the_readings(served, tmp_path):
     process = start(served, out, "calibrate")
     # mounting, the bridge at rest and two readings
     wait_for(lambda: journal_size(out) > 4_000, 120.0)
-    process.send(signal.SIGTERM)
-    assert process.wait() == 143, process.text
+    process.send_signal(signal.SIGTERM)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 143, stderr
     run = manifest(out)
     assert run["status"] == "incomplete"
     assert "loads.csv" in run["files"]
@@ -123,8 +127,8 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path
     with serving(tmp_path, text) as bench:
         process = start(bench, out)
         wait_for(lambda: journal_size(out) > 50_000)
-        process.send(signal.SIGKILL)
-        process.wait()
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate(timeout=60)
         wait_for(lambda: bench.history()[-1]["event"] == "standstill")
         assert bench.history()[-1]["reference_v"] == 0.0
         assert bench.history()[-1]["watchdog_trips"] == 0
@@ -140,9 +144,11 @@ def test_a_second_run_on_the_same_bench_is_refused(served, tmp_path):
     first = start(served, out)
     wait_for(lambda: journal_size(out) > 5_000)
     second = start(served, tmp_path / "other")
-    assert second.wait() == 9, second.text
-    first.send(signal.SIGINT)
-    assert first.wait() == 130
+    _, stderr = second.communicate(timeout=60)
+    assert second.returncode == 9, stderr
+    first.send_signal(signal.SIGINT)
+    first.communicate(timeout=60)
+    assert first.returncode == 130
 
 
 def test_a_bench_that_dies_ends_the_run_loudly(tmp_path, text):
@@ -150,10 +156,11 @@ def test_a_bench_that_dies_ends_the_run_loudly(tmp_path, text):
     with serving(tmp_path, text) as bench:
         process = start(bench, out)
         wait_for(lambda: journal_size(out) > 20_000)
-        bench.process.send(signal.SIGKILL)
-        # nobody answers, so the safe state cannot be confirmed: the loudest exit
-        assert process.wait() == 8, process.text
-    assert "SAFE STATE COULD NOT BE CONFIRMED" in process.text
+        bench.process.kill()
+        _, stderr = process.communicate(timeout=60)
+    # nobody answers, so the safe state cannot be confirmed: the loudest exit
+    assert process.returncode == 8, stderr
+    assert "SAFE STATE COULD NOT BE CONFIRMED" in stderr
     assert manifest(out)["status"] == "incomplete"
 
 
@@ -164,7 +171,8 @@ def test_stop_stops_the_motor_of_another_run(served, tmp_path, answer):
     body = answer("stop", *served.words)
     assert body["confirmed"] is True
     assert body["reference_v"] == 0.0
-    assert running.wait() != 0
+    running.communicate(timeout=60)
+    assert running.returncode != 0
     assert manifest(out)["status"] == "incomplete"
 
 

@@ -15,7 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from faults.lines import emulated
+from forked import forked
 
+from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.feasibility import host_settings
 from hdbench.devices.host.bench import HostedBench
@@ -25,6 +27,7 @@ from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import connect
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
 
 _REPORT = load_profile("cim-tr-97-06").data
 # how often `until` looks, s
@@ -150,31 +153,22 @@ def node_wire(host: str, port: int, *, deadline_s: float) -> NodeAccess:
     return NodeAccess(link, deadline_s=deadline_s)
 
 
-HOST = """
-import sys
-from pathlib import Path
-from hdbench.devices import AcquisitionSettings, open_bench
-from hdbench.profile import load_profile
-from hdbench.profile.schema import ReferenceWave
-
-address, record, period_s, amplitude_v = sys.argv[1:]
-wave = ReferenceWave(wave="constant", amplitude_v=float(amplitude_v))
-with open_bench(
-    load_profile("cim-tr-97-06"),
-    address=address,
-    realtime=True,
-    record=Path(record) if record else None,
-) as bench:
-    bench.configure(AcquisitionSettings(float(period_s), 1_000_000, wave))
-    bench.start()
-    seen = 0
-    while True:
-        block = bench.read_block()
-        seen += len(block) if block else 0
-        if seen > 400:
-            print(bench.guard.pid, flush=True)
-            seen = -10**9
-"""
+def _turn(address: str, record: object, period_s: float, amplitude_v: float) -> None:
+    """Turn a motor for ever; say the number of the guard once 400 samples have come."""
+    wave = ReferenceWave(wave="constant", amplitude_v=amplitude_v)
+    place = Path(str(record)) if record else None
+    bench_of = load_profile("cim-tr-97-06")
+    with open_bench(bench_of, address=address, realtime=True, record=place) as bench:
+        bench.configure(AcquisitionSettings(period_s, 1_000_000, wave))
+        bench.start()
+        seen = 0
+        while True:
+            block = bench.read_block()
+            seen += len(block) if block else 0
+            if seen > 400:
+                sys.stdout.write(f"{bench.guard.pid}\n")
+                sys.stdout.flush()
+                seen = -(10**9)
 
 
 @contextmanager
@@ -182,9 +176,10 @@ def host(
     address: str, *, record: object = "", period_s: float = 1e-3, amplitude_v: float = 1.0
 ) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
     """Turn a motor from a process; yields it and its guard's number after 400 samples."""
-    words = (address, str(record), str(period_s), str(amplitude_v))
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOST, *words], stdout=subprocess.PIPE, start_new_session=True
+    process = forked(
+        lambda: _turn(address, record, period_s, amplitude_v),
+        stdout=subprocess.PIPE,
+        start_new_session=True,
     )
     assert process.stdout is not None
     guard = 0

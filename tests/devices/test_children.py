@@ -34,6 +34,11 @@ with open_bench(load_profile("cim-tr-97-06")) as bench:
 """
 
 
+@pytest.fixture(scope="module")
+def warm_emulators():
+    """Start emulators as a session does, in place of the fixture of the other tests."""
+
+
 @pytest.fixture
 def folder(tmp_path):
     for name in SHADOWS:

@@ -3,13 +3,14 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
+from subprocess import PIPE
 
 import numpy as np
 import pytest
+from forked import hdbench_process
 from nodekit import PROFILE, driver, host, until
 from served import read_samples
 
@@ -27,6 +28,17 @@ linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 def _children(pid):
     return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _emulators(pid):
+    """Return the children that are emulators: by their command line, or forks of this process."""
+    own = _command_line(os.getpid())
+    lines = {child: _command_line(child) for child in _children(pid)}
+    return [child for child, line in lines.items() if b"emulator" in line or line == own]
+
+
+def _command_line(pid):
+    return Path(f"/proc/{pid}/cmdline").read_bytes()
 
 
 def _alive(pid):
@@ -109,7 +121,7 @@ def test_killing_the_host_stops_the_motor_within_a_second(tmp_path, guarded):
 def test_the_embedded_node_stops_the_motor_and_leaves_when_its_host_is_killed(tmp_path):
     record = tmp_path / "node.jsonl"
     with host("embedded", record=record, amplitude_v=WAVE.amplitude_v) as (process, _):
-        (node,) = [pid for pid in _children(process.pid) if b"emulator" in _command_line(pid)]
+        (node,) = _emulators(process.pid)
         process.send_signal(signal.SIGKILL)
         killed_s = time.monotonic()
         process.wait()
@@ -124,24 +136,19 @@ def test_the_embedded_node_stops_the_motor_and_leaves_when_its_host_is_killed(tm
 @linux_only
 def test_ctrl_c_does_not_reach_the_embedded_node():
     with open_bench(PROFILE) as bench:
-        (node,) = [pid for pid in _children(os.getpid()) if b"emulator" in _command_line(pid)]
+        (node,) = _emulators(os.getpid())
         os.kill(node, signal.SIGINT)
         time.sleep(0.1)
         assert bench.safe_state().confirmed
     until(lambda: not _alive(node), 3.0)
 
 
-def _command_line(pid):
-    return Path(f"/proc/{pid}/cmdline").read_bytes()
-
-
 def test_a_lost_node_is_a_device_error_at_once():
     with open_bench(PROFILE) as bench:
         bench.configure(AcquisitionSettings(1e-3, 1_000_000, WAVE))
         bench.start()
-        for pid in _children(os.getpid()):
-            if b"emulator" in _command_line(pid):
-                os.kill(pid, signal.SIGKILL)
+        (node,) = _emulators(os.getpid())
+        os.kill(node, signal.SIGKILL)
         with pytest.raises(DeviceError):
             read_samples(bench, 1_000_000)
 
@@ -172,15 +179,9 @@ def test_a_wire_that_only_polled_devices_speak_reaches_no_node(address):
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, stop):
-    pytest.importorskip("hdbench_cli.main")
     record = tmp_path / "states.jsonl"
-    code = "from hdbench_cli.main import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, "emulate", "--json", "--record", str(record)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+    words = ["emulate", "--json", "--record", record]
+    process = hdbench_process(words, stdout=PIPE, stderr=PIPE)
     try:
         told = json.loads(process.stdout.readline())
         assert told["schema"] == "hdbench/emulator/1"

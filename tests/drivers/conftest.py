@@ -1,4 +1,4 @@
-"""Makes the helpers of the devices importable; nothing stays open behind a test."""
+"""Makes the helpers of the devices importable; nothing stays open, emulators are forks."""
 
 import sys
 from pathlib import Path
@@ -6,4 +6,5 @@ from pathlib import Path
 TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(TESTS / "devices"), str(TESTS.parent / "tools")]
 
+from forked import warm_emulators  # noqa: E402, F401
 from leftovers import nothing_stays_open  # noqa: E402, F401

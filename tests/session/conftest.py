@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from forked import warm_emulators  # noqa: F401
 
 from hdbench.records.journal import JournalWriter
 

@@ -1,0 +1,3 @@
+"""Emulators are forks."""
+
+from forked import warm_emulators  # noqa: F401
