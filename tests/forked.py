@@ -53,7 +53,7 @@ def forked(act: Callable[[], object], **keys: Any) -> subprocess.Popen[Any]:
 def hdbench_process(
     words: Sequence[object], *, terminal: bool = False, **keys: Any
 ) -> subprocess.Popen[Any]:
-    """Start a command line, on a terminal of its own where its streams are one."""
+    """Start a command line; its streams may be a terminal that becomes its own."""
     # what every run loads
     import_module("hdbench_cli.commands.experiment")
     main = import_module("hdbench_cli.main").main
@@ -63,7 +63,7 @@ def hdbench_process(
             fcntl.ioctl(0, termios.TIOCSCTTY, 0)
         main([str(word) for word in words])
 
-    return forked(run, start_new_session=terminal, **keys)
+    return forked(run, **{"start_new_session": terminal, **keys})
 
 
 @pytest.fixture(autouse=True, scope="module")

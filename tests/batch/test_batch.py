@@ -8,10 +8,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from subprocess import PIPE
 from types import SimpleNamespace
 
 import pytest
 import swinging_shaft as swinging
+from forked import hdbench_process
 
 from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
 from hdbench.batch.workers import _run
@@ -22,7 +24,6 @@ from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
 
 KilledWorker = pytest.importorskip("distributed").KilledWorker
-HDBENCH = [sys.executable, "-m", "hdbench_cli"]
 
 
 def record(path: Path, seed: int, seconds: int = 4) -> Path:
@@ -45,9 +46,11 @@ def traces(tmp_path: Path) -> Path:
     return folder
 
 
-def batch(*words: object) -> subprocess.CompletedProcess[str]:
-    line = [*HDBENCH, "batch", *map(str, words)]
-    return subprocess.run(line, capture_output=True, text=True, check=False)
+def batch(*words: object) -> tuple[int, str, str]:
+    """Return exit code, stdout and stderr of a batch."""
+    process = hdbench_process(["batch", *words], stdout=PIPE, stderr=PIPE, text=True)
+    told = process.communicate()
+    return process.returncode, *told
 
 
 def table(out: Path) -> list[dict[str, str]]:
@@ -58,9 +61,9 @@ def table(out: Path) -> list[dict[str, str]]:
 def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path):
     out = tmp_path / "out"
     words = ["run-ripple", traces, "--no-report", "--out", out]
-    first = batch(*words, "--workers", "2", "--json")
-    assert first.returncode == 6, first.stderr
-    body = json.loads(first.stdout)
+    code, told, errors = batch(*words, "--workers", "2", "--json")
+    assert code == 6, errors
+    body = json.loads(told)
     assert (body["done"], body["failed"], body["skipped"]) == (3, 1, 0)
     assert [Path(row["input"]).stem for row in body["rows"]] == [
         "drive-0", "drive-1", "drive-2", "spoilt",
@@ -79,16 +82,16 @@ def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path
     assert row["ripple[order=2].amplitude_nm_std"] == amplitude["std"]
 
     # the same again computes nothing; a changed input and a new option do
-    again = json.loads(batch(*words, "--resume", "--json").stdout)
+    again = json.loads(batch(*words, "--workers", "1", "--resume", "--json")[1])
     assert (again["done"], again["skipped"]) == (0, 3)
     assert again["rows"] == body["rows"]
     journal = (out / "batch.jsonl").read_bytes()
     os.utime(traces / "drive-0.csv", (2e9 - 1e9, 3e8))
     record(traces / "drive-2.csv", 7)
-    third = json.loads(batch(*words, "--workers", "1", "--resume", "--json").stdout)
+    third = json.loads(batch(*words, "--workers", "1", "--resume", "--json")[1])
     assert (third["done"], third["skipped"]) == (1, 2)
     assert (out / "batch.jsonl").read_bytes().startswith(journal)
-    assert batch(*words).returncode == 2
+    assert batch(*words)[0] == 2
 
 
 def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path):
@@ -145,9 +148,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_p
         record(traces / f"drive-{seed}.csv", seed, 15)
     out = tmp_path / "out"
     words = ["run-ripple", str(traces), "--no-report", "--workers", "1", "--out", str(out)]
-    running = subprocess.Popen(
-        [*HDBENCH, "batch", *words], stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    running = hdbench_process(["batch", *words], stderr=PIPE, text=True, start_new_session=True)
     journal = out / "batch.jsonl"
     while running.poll() is None:
         if journal.exists() and journal.read_text().count('"row"') >= 1:
@@ -160,9 +161,9 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_p
     assert "Traceback" not in error
     assert not (out / ".parts").exists()
     assert len(table(out)) < 7
-    assert batch(*words, "--resume").returncode == 6
+    assert batch(*words, "--resume")[0] == 6
     undisturbed = [*words[:-1], str(tmp_path / "whole")]
-    assert batch(*undisturbed).returncode == 6
+    assert batch(*undisturbed)[0] == 6
     plain = [
         [{**row, "result": Path(row["result"]).name} for row in table(folder)]
         for folder in (out, tmp_path / "whole")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 import pytest
+from forked import hdbench_process
 
 from hdbench_cli import inputs
 from hdbench_cli import main as main_module
@@ -33,6 +34,8 @@ EXIT = re.compile(r"# exit (\d+)")
 ENDLESS = {"emulate": 0, "monitor": 130}
 # commands that tests of their own run as they are documented: tests/batch, tests/cli
 ELSEWHERE = {("batch",), ("runs", "resume")}
+# all experiments and a diagnosis: it has a test for itself
+DEMO = "hdbench demo"
 
 
 def page_lines(page: Path) -> Iterator[str]:
@@ -108,8 +111,8 @@ def concrete(line: str, served: str) -> list[str]:
 @pytest.fixture
 def served() -> Iterator[str]:
     """Serve an emulated bench for the lines that name an address."""
-    words = [sys.executable, "-m", "hdbench_cli", "emulate", "--pace", "fast"]
-    with subprocess.Popen(words, text=True, stdout=subprocess.PIPE) as node:
+    words = ["emulate", "--pace", "fast"]
+    with hdbench_process(words, text=True, stdout=subprocess.PIPE) as node:
         found = re.search(r"tcp://[\d.]+:\d+", node.stdout.readline())
         yield found[0]
         node.terminate()
@@ -169,14 +172,15 @@ def answered(line: str, words: list[str], capsys: pytest.CaptureFixture[str]) ->
     return "" if code in allowed and "Traceback" not in told else f"{line}: exit {code}\n{told}"
 
 
-def test_the_tutorial_and_a_line_of_every_other_command_run(
-    served, tmp_path, monkeypatch, capsys, changed_profile
-):
+@pytest.fixture
+def short_runs(tmp_path, monkeypatch, changed_profile) -> None:
+    """Work in an empty folder, on a bench whose runs take seconds, calibrated with few weights."""
     monkeypatch.chdir(tmp_path)
-    # runs of some seconds, calibrated at two positions: `make demo` has them at full length
+    masses = {"full_masses_kg": [0.0, 4.0, 8.0], "low_masses_kg": [0.0, 1.0, 2.0]}
+    # `make demo` has them at full length
     short = changed_profile(
-        calibration={"positions": 2, "average_s": 0.25},
-        misalignment={"velocity_rad_s": 180.0},
+        calibration={"positions": 2, "average_s": 0.25, **masses},
+        misalignment={"velocity_rad_s": 300.0},
         ripple={"duration_s": 8.0},
     )
     Path("short.toml").write_text(short)
@@ -184,9 +188,19 @@ def test_the_tutorial_and_a_line_of_every_other_command_run(
         monkeypatch.setattr(module, "DEFAULT_PROFILE", "short.toml")
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr("sys.stdin", io.StringIO())
+
+
+def test_the_demo_runs(short_runs, capsys):
+    (line,) = [line for line in executed() if line.startswith(DEMO)]
+    assert answered(line, shlex.split(line, comments=True)[1:], capsys) == ""
+
+
+def test_the_tutorial_and_a_line_of_every_other_command_run(short_runs, served, capsys):
     shutil.copytree(ROOT / "tests" / "stored", "tests/stored")
     wrong = []
     for line in executed():
+        if line.startswith(DEMO):
+            continue
         if "runs/RUN1" in line:
             again = ["calibrate", "--from", "last:calibration", "--no-report"]
             wrong.append(answered("twice", again, capsys))
