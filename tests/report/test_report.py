@@ -152,13 +152,11 @@ def test_a_run_alone_has_its_sections_only(kind, runs, tmp_path):
     assert ("Residual before and after" in text) == (kind == "diagnosis")
 
 
-def test_links_lead_to_the_raw_files(runs, tmp_path):
-    out = tmp_path / "deep" / "er" / "report.html"
-    page = Page(write_report([runs["ripple"]], out).html.read_text(encoding="utf-8"))
+def test_links_lead_to_the_raw_files(page, report):
     links = [a["href"] or "" for tag, a in page.tags if tag == "a" and "href" in a]
-    raw = [link for link in links if link.endswith(("trace.csv", "run.json"))]
-    assert len(raw) == 2
-    assert all((out.parent / link).is_file() for link in raw)
+    raw = [link for link in links if link.endswith(("trace.csv", "loads.csv", "run.json"))]
+    assert len(raw) == 3 + 4
+    assert all((report.html.parent / link).is_file() for link in raw)
 
 
 def written(runs: Sequence[Path], folder: Path, **more: Any) -> Page:
@@ -213,17 +211,16 @@ def test_a_changed_file_is_told_and_ids_of_experiments_do_not_become_markup_or_f
     assert "loads.csv was changed after the run" in text
 
 
-def test_a_minute_at_one_kilohertz_stays_below_five_megabytes(profile, tmp_path):
+def test_files_alone_are_drawn_and_a_minute_at_one_kilohertz_stays_below_five_megabytes(
+    runs, profile, tmp_path
+):
     velocity = bench.generate.ramps([(0, 0), (1, 156), (59, 156), (60, 0)])
     trace = bench.trace_of(bench.generate.trace_csv(velocity, 5), tmp_path)
     assert len(trace) == 60_000
-    files = write_report([tmp_path / "raw.csv"], tmp_path / "long.html", profile=profile)
+    sources = [tmp_path / "raw.csv", runs["calibration"] / "loads.csv"]
+    files = write_report(sources, tmp_path / "long.html", profile=profile)
     assert files.html.stat().st_size < 5_000_000
-
-
-def test_a_trace_alone_is_drawn_and_a_loads_file_too(runs, profile, tmp_path):
-    sources = [runs["ripple"] / "trace.csv", runs["calibration"] / "loads.csv"]
-    text = written(sources, tmp_path, profile=profile).text
+    text = Page(files.html.read_text(encoding="utf-8")).text
     assert "(after figure 8)" in text
     assert "(after figure 7)" in text
 
@@ -273,19 +270,30 @@ def test_a_run_that_ended_before_its_first_sample_still_has_a_report(profile, tm
     assert "No data could be recovered" in text
 
 
-def test_lost_samples_do_not_stop_the_report(runs, tmp_path):
+def test_lost_samples_do_not_stop_the_report_and_lines_beyond_the_known_orders_are_told(
+    runs, tmp_path
+):
     run = _copy(runs["ripple"], tmp_path)
-    lines = (run / "trace.csv").read_text().splitlines()
+    rows = (run / "trace.csv").read_text().splitlines()
     for row in range(4000, 4007):
-        cells = lines[row].split(",")
-        lines[row] = ",".join([cells[0], *("" for _ in cells[1:])])
-    (run / "trace.csv").write_text("\n".join(lines) + "\n")
+        cells = rows[row].split(",")
+        rows[row] = ",".join([cells[0], *("" for _ in cells[1:])])
+    (run / "trace.csv").write_text("\n".join(rows) + "\n")
     flag = {"name": "missing-samples", "samples": 7, "detail": "7 samples without a torque"}
-    _edit(run / "result.json", flags=[flag])
-    text = Page(write_report([run], tmp_path).html.read_text(encoding="utf-8")).text
+    amplitude = {"value": 0.2, "std": 0.003, "dof": 5.0}
+    sizes = {"amplitude_nm": amplitude, "phase_rad": amplitude}
+    line = {"order": 3.0, "false_alarm_probability": 0.0, **sizes}
+    tone = {"frequency_hz": 50.0, "false_alarm_probability": 1e-9, **sizes}
+    _edit(run / "result.json", flags=[flag], lines=[line], tones=[tone])
+    text = written([run], tmp_path).text
     assert "7 samples without a torque" in text
     assert "(after figure 8)" in text
     assert "(after figure 11)" in text
+    assert "below 1e-9" in text
+    body = json.loads((tmp_path / "r.json").read_text())["runs"][0]
+    assert body["verdict"]["level"] == "look"
+    assert "motor order 3" in body["verdict"]["text"]
+    assert "50 Hz" in body["verdict"]["text"]
 
 
 def test_a_short_trace_at_rest_says_that_nothing_turns(profile, tmp_path):
@@ -296,25 +304,10 @@ def test_a_short_trace_at_rest_says_that_nothing_turns(profile, tmp_path):
     assert "Nothing turns steadily" in Page(files.html.read_text(encoding="utf-8")).text
 
 
-def test_lines_beyond_the_known_orders_are_told_in_the_verdict(runs, tmp_path):
-    run = _copy(runs["ripple"], tmp_path)
-    amplitude = {"value": 0.2, "std": 0.003, "dof": 5.0}
-    sizes = {"amplitude_nm": amplitude, "phase_rad": amplitude}
-    line = {"order": 3.0, "false_alarm_probability": 0.0, **sizes}
-    tone = {"frequency_hz": 50.0, "false_alarm_probability": 1e-9, **sizes}
-    _edit(run / "result.json", lines=[line], tones=[tone])
-    page = Page(write_report([run], tmp_path).html.read_text(encoding="utf-8"))
-    body = json.loads((tmp_path / "report.json").read_text())["runs"][0]
-    assert body["verdict"]["level"] == "look"
-    assert "motor order 3" in body["verdict"]["text"]
-    assert "50 Hz" in body["verdict"]["text"]
-    assert "below 1e-9" in page.text
-
-
 def test_the_command_writes_into_the_run_or_where_it_is_told(runs, tmp_path, hdbench):
     run = _copy(runs["misalignment"], tmp_path)
     words = ("report", run, "--profile", "cim-tr-97-06")
     assert json.loads(hdbench(*words, "--json")[0])["html"] == str(run / "report.html")
     assert (run / "report.html").is_file()
-    hdbench(*words, "--out", tmp_path / "all.html")
+    hdbench("report", run / "result.json", "--out", tmp_path / "all.html")
     assert (tmp_path / "all.html").is_file()
