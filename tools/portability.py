@@ -34,10 +34,11 @@ sys.exit(json.dumps(codes) if any(codes) else 0)
 """
 # a bench with six weights to hang, and a ripple run of four seconds: keys of tables
 _SMALL = {
-    "calibration": {"positions": 1, "directions": ["cw"], "ranges": ["low"],
+    "calibration": {"positions": 1, "directions": ["cw"], "ranges": ["low"], "average_s": 0.5,
                     "low_masses_kg": [0.0, 0.5, 1.0]},
     "ripple": {"duration_s": 4.0},
     "ripple.reference": {"frequency_hz": 0.5, "amplitude_v": 0.9},
+    "misalignment": {"velocity_rad_s": 300.0},
 }  # fmt: skip
 
 
@@ -52,7 +53,7 @@ def program(hidden: bool) -> str:
 
 
 def small_profile(folder: Path) -> Path:
-    """Write the report's bench with fewer weights and a shorter ripple run."""
+    """Write the report's bench with fewer weights and shorter motion."""
     text = (Path(__file__).parents[1] / "profiles" / "cim-tr-97-06.toml").read_text("utf-8")
     keys, lines = {}, []
     for line in text.splitlines():
