@@ -133,7 +133,7 @@ def false_alarms(place: Path, certificates: tuple[str, str], n: int) -> float:
     ("certificates", "lowest"),
     # with one certificate all that is left is a t test: 5 %. A known part beside scatter of few
     # degrees of freedom is covered by 95 to 97 %
-    [(("K1", "K1"), 0.05), (("K1", "K2"), 0.03)],
+    [(("K1", "K1"), 0.05), pytest.param(("K1", "K2"), 0.03, marks=pytest.mark.campaign)],
 )
 def test_two_calibrations_of_one_sensor_are_told_apart_in_5_of_100(certificates, lowest, tmp_path):
     n = 400
@@ -279,7 +279,9 @@ def test_a_phase_between_the_orders_that_changed_is_found():
     assert found.score > 5.0
 
 
-@pytest.mark.parametrize(("same_origin", "free"), [(True, 4), (False, 3)])
+@pytest.mark.parametrize(
+    ("same_origin", "free"), [pytest.param(True, 4, marks=pytest.mark.campaign), (False, 3)]
+)
 def test_two_patterns_of_one_truth_are_told_apart_in_5_of_100(same_origin, free):
     rng = np.random.default_rng(8)
     truth = {2.0: 0.4 + 0.1j, 4.0: 0.15 - 0.1j}

@@ -82,7 +82,7 @@ def test_white_noise_would_be_too_narrow_here():
     assert z2 > 8.0
 
 
-@pytest.mark.parametrize("a", [0.0, 0.9])
+@pytest.mark.parametrize("a", [pytest.param(0.0, marks=pytest.mark.campaign), 0.9])
 def test_intervals_cover_the_truth(a):
     rng = np.random.default_rng(6)
     design, truth, n_runs, hits = sinusoids(4000), np.array([0.2, 0.4, -0.1]), 100, np.zeros(3)
