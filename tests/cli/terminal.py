@@ -45,7 +45,7 @@ class Person:
                 return
             shown = self.text[self.seen :][-600:]
             assert time.monotonic() < until, f"waited for {pattern!r}, saw {shown!r}"
-            if not self._read(0.2):
+            if not self.look(0.2):
                 assert re.compile(pattern, re.DOTALL).search(self.text, self.seen), (
                     f"ended; waited for {pattern!r}, saw {shown!r}"
                 )
@@ -65,12 +65,12 @@ class Person:
     def end(self, seconds: float = 60.0) -> int:
         """Wait for the end of the command and return its exit code."""
         until = time.monotonic() + seconds
-        while self._read(0.1):
+        while self.look(0.1):
             assert time.monotonic() < until, f"does not end: {self.text[-600:]!r}"
         os.close(self.master)
         return self.process.wait(60)
 
-    def _read(self, seconds: float) -> bool:
+    def look(self, seconds: float) -> bool:
         """Take what is shown; False once the terminal is closed."""
         if select.select([self.master], [], [], seconds)[0]:
             try:

@@ -2,12 +2,15 @@
 
 import json
 import os
-import select
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from terminal import Person
+
+from hdbench.devices.emulator.process import running_emulator
+from hdbench.profile import load_profile
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
@@ -18,28 +21,22 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="terminals of Li
 
 def test_a_closed_terminal_ends_a_run_as_a_hangup_and_not_as_a_fault_of_the_disk(tmp_path):
     """What a closed terminal refuses to take is no error of the run."""
-    import pty
-
-    profile = kit.short_profile(tmp_path)
-    out = tmp_path / "runs"
+    profile, record, out = kit.short_profile(tmp_path), tmp_path / "motor.jsonl", tmp_path / "runs"
     words = ["run-ripple", "--profile", str(profile), "--no-report", "--yes", "--out", str(out)]
-    with kit.served(tmp_path, profile) as bench:
-        pid, terminal = pty.fork()
-        if not pid:
-            command = [sys.executable, "-m", "hdbench_cli", *words, "--address", bench.address]
-            os.execv(sys.executable, command)
+    data, served = load_profile(str(profile)).data, {"plant": "as-modelled", "seed": 0}
+    with running_emulator(data, **served, pace="realtime", record=record) as found:
+        bench = kit.ServedBench(found["address"], record)
+        person = Person([*words, "--address", bench.address])
         until_s = time.monotonic() + 60.0
         turning = False
         while not turning and time.monotonic() < until_s:
-            if select.select([terminal], (), (), 0.05)[0]:
-                os.read(terminal, 4096)
+            person.look(0.05)
             events = bench.history()
             turning = bool(events) and abs(events[-1]["velocity_rad_s"]) > 5.0
-        os.close(terminal)
-        _, status = os.waitpid(pid, 0)
+        os.close(person.master)
+        assert person.process.wait(60) == 129
         _, _, moving = bench.after(time.monotonic())
     assert turning
-    assert os.waitstatus_to_exitcode(status) == 129
     assert moving == ""
     manifest = json.loads(next(out.glob("*/run.json")).read_text())
     assert manifest["status"] == "incomplete"
