@@ -6,7 +6,6 @@ import shlex
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -120,8 +119,8 @@ def served() -> Iterator[str]:
 
 def until_stopped(words: list[str]) -> int:
     """Run a command that goes on for ever, let it work, and interrupt it."""
-    command = [sys.executable, "-m", "hdbench_cli", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with hdbench_process(words, **streams) as process:
         # it works when it has said something
         assert process.stdout.read(1), process.wait(timeout=60.0)
         process.send_signal(signal.SIGINT)
