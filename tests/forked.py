@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import signal
 import subprocess
 import sys
-import termios
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from types import SimpleNamespace
@@ -40,8 +39,10 @@ def forked(act: Callable[[], object], **keys: Any) -> subprocess.Popen[Any]:
         except BaseException:  # noqa: BLE001 - as Python tells it at the end of a process
             sys.excepthook(*sys.exc_info())
         finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
+            # a reader that has gone hears nothing
+            with suppress(OSError):
+                sys.stdout.flush()
+                sys.stderr.flush()
             os._exit(code)
 
     with warnings.catch_warnings():
@@ -54,16 +55,24 @@ def hdbench_process(
     words: Sequence[object], *, terminal: bool = False, **keys: Any
 ) -> subprocess.Popen[Any]:
     """Start a command line; its streams may be a terminal that becomes its own."""
+    command = [str(word) for word in words]
+    keys = {"start_new_session": terminal, **keys}
+
+    def take_terminal() -> None:
+        import fcntl
+        import termios
+
+        if terminal:
+            fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+    if sys.platform != "linux":
+        keys["env"] = {**os.environ, **keys.get("env", {})}
+        own = {"preexec_fn": take_terminal} if terminal else {}
+        return subprocess.Popen([sys.executable, "-m", "hdbench_cli", *command], **own, **keys)
     # what every run loads
     import_module("hdbench_cli.commands.experiment")
     main = import_module("hdbench_cli.main").main
-
-    def run() -> None:
-        if terminal:
-            fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-        main([str(word) for word in words])
-
-    return forked(run, **{"start_new_session": terminal, **keys})
+    return forked(lambda: (take_terminal(), main(command)), **keys)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -77,7 +86,8 @@ def warm_emulators() -> Iterator[None]:
         main = import_module("hdbench.devices.emulator.__main__").main
         return forked(lambda: sys.exit(main()), **keys)
 
-    named = {**vars(subprocess), "Popen": popen}
+    # elsewhere a fork may not use what is loaded, or there is none
+    named = {**vars(subprocess), **({"Popen": popen} if sys.platform == "linux" else {})}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(process, "subprocess", SimpleNamespace(**named))
         yield
