@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from daqkit import Clock
 from faults.lines import emulated
 from forked import forked
 
@@ -94,19 +95,6 @@ def codes_of(index: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 @dataclass
-class ManualClock:
-    """A clock that goes when told."""
-
-    now_s: float = 100.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-    def sleep(self, seconds: float) -> None:
-        self.now_s += seconds
-
-
-@dataclass
 class ServedNode:
     """A node in a thread of this process."""
 
@@ -134,7 +122,7 @@ def driver(
     *,
     deadline_s: float = 1.0,
     watchdog_s: float = 0.5,
-    clock: ManualClock | None = None,
+    clock: Clock | None = None,
 ) -> AbstractContextManager[HostedBench]:
     """Connect a driver; with `clock` its waits take no time."""
     waits = {} if clock is None else {"clock": clock, "sleep": clock.sleep}

@@ -1,7 +1,7 @@
 """A deadline is a moment on the clock: nothing that is tried within it begins it anew."""
 
 import pytest
-from nodekit import ManualClock
+from daqkit import Clock
 
 from hdbench.devices.node.access import NodeAccess
 from hdbench.devices.node.registers import LIMITS, register
@@ -39,7 +39,7 @@ class RefusingLink:
     ids=["read", "write"],
 )
 def test_the_reason_of_a_refusal_is_asked_for_in_what_is_left(call):
-    clock = ManualClock()
+    clock = Clock()
     link = RefusingLink(clock, 0.45 * DEADLINE_S)
     wire = NodeAccess(link, deadline_s=DEADLINE_S, clock=clock)
     start_s = clock.now_s

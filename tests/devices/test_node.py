@@ -6,8 +6,9 @@ import time
 
 import numpy as np
 import pytest
+from daqkit import Clock
 from faults.lines import emulated
-from nodekit import PROFILE, ManualClock, TinyBench, codes_of, driver, served, through, until
+from nodekit import PROFILE, TinyBench, codes_of, driver, served, through, until
 from pymodbus.client import ModbusTcpClient
 from served import read_all
 
@@ -150,7 +151,7 @@ def test_an_unacknowledged_block_is_sent_again_bit_by_bit():
 
 
 def test_overflow_is_counted_exactly_and_never_closed_up():
-    clock = ManualClock()
+    clock = Clock()
     core = build_core(TinyBench(), PROFILE, 0, pace="realtime", clock=clock)
     _start(core, n_samples=12_000)
     received, lost = _drain(core, clock, pause_after=(10, 60), pause_s=5.0)
@@ -311,7 +312,7 @@ def test_reading_alone_does_not_feed_the_watchdog():
 
 
 def test_a_heartbeat_that_does_not_change_does_not_feed_the_watchdog():
-    clock = ManualClock()
+    clock = Clock()
     core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=clock)
     _start(core, n_samples=10_000)
     heartbeat = register("heartbeat").address
@@ -362,7 +363,7 @@ def test_a_motor_that_keeps_turning_is_not_called_safe():
         def halt(self) -> None:
             return None
 
-    clock = ManualClock()
+    clock = Clock()
     with served(Runaway()) as node, driver(node.host, node.port, clock=clock) as bench:
         _begin(bench, 100_000)
         bench.read_block()
@@ -373,7 +374,7 @@ def test_a_motor_that_keeps_turning_is_not_called_safe():
 
 
 def test_a_node_that_is_gone_is_not_called_safe_and_nothing_is_raised():
-    clock = ManualClock()
+    clock = Clock()
     with served() as node, driver(node.host, node.port, clock=clock) as bench:
         bench.identity()
     start_s = clock.now_s
@@ -417,7 +418,7 @@ def test_a_second_host_cannot_write_but_can_read_and_stop():
 
 
 def test_a_session_outlives_a_lost_connection_and_ends_with_its_host():
-    clock = ManualClock()
+    clock = Clock()
     core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=clock)
     token = register("session").address
 

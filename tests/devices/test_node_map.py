@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from daqkit import Clock
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nodekit import PROFILE, ManualClock, TinyBench
+from nodekit import PROFILE, TinyBench
 
 from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
 from hdbench.devices.emulator.node import build_core
@@ -60,7 +61,7 @@ def test_a_block_fits_one_reply(width):
 def test_the_worked_example_of_the_page_is_what_the_node_answers():
     pairs = re.findall(r"```\n> ([0-9a-f\s]+?)\n< ([0-9a-f\s]+?)\n```", PAGE)
     assert len(pairs) == 9
-    core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=ManualClock())
+    core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=Clock())
     for request_text, reply_text in pairs:
         request, reply = bytes.fromhex(request_text), bytes.fromhex(reply_text)
         assert struct.unpack(">H", request[4:6])[0] == len(request) - 6
@@ -79,7 +80,7 @@ def test_every_state_and_reason_stands_on_the_page(members):
 
 
 def test_every_read_only_register_refuses_a_write_with_exception_2():
-    core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=ManualClock())
+    core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=Clock())
     for entry in MAP:
         if not entry.writable:
             request = struct.pack(">BHHB", 16, entry.address, entry.size, 2 * entry.size)
@@ -94,7 +95,7 @@ def test_any_bytes_as_a_request_get_an_answer_and_never_start_the_motor():
         rest=st.binary(max_size=60),
     )
     def check(function, rest):
-        core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=ManualClock())
+        core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=Clock())
         reply = core.answer(bytes((function,)) + rest, 1)
         assert reply[0] in (function, function | 0x80)
         assert 2 <= len(reply) <= 253

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from nodekit import PROFILE, ManualClock, TinyBench
+from daqkit import Clock
+from nodekit import PROFILE, TinyBench
 from served import read_samples
 
 from hdbench.devices import open_bench
@@ -62,7 +63,7 @@ class ProgramBench(TinyBench):
 
 def written(parts: list[dict], n_samples: int = 1150):
     """Return a core into which parts and then the parameter block were written."""
-    core = build_core(ProgramBench(), PROFILE, 0, pace="fast", clock=ManualClock())
+    core = build_core(ProgramBench(), PROFILE, 0, pace="fast", clock=Clock())
     for part in parts:
         core.write("holding", PROGRAM[0].address, encode_group(PROGRAM, part), 1)
     settings = DaqSettings(("torque", "encoder"), 0.001, n_samples, 0.5, PROGRAM_OF_FOUR)

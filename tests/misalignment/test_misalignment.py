@@ -9,6 +9,7 @@ from known_traces import (
     bench,
     both_ways_velocity,
     covers,
+    drawn_runs,
     known_trace,
     reversing_velocity,
     scale,
@@ -18,7 +19,7 @@ from scipy.stats import binom
 from hdbench.errors import DataError
 from hdbench.filter import preset
 from hdbench.misalignment import evaluate_misalignment
-from hdbench.records import Quantity, TorqueScale, Trace
+from hdbench.records import Trace
 from hdbench.results import MisalignmentResult
 
 BENCH = bench()
@@ -79,13 +80,7 @@ def test_output_order_2_and_a_tone_are_told_apart_from_it():
 
 def test_intervals_cover_the_truth_with_a_gain_of_three_dof():
     velocity, n_runs, hits = both_ways_velocity(speed_rad_s=FAST), 24, np.zeros(2)
-    for seed in range(n_runs):
-        rng = np.random.default_rng(100 + seed)
-        true_gain = 6.6 * (1.0 + 0.01 * rng.normal())
-        gain = TorqueScale(
-            Quantity(6.6, 0.066 * math.sqrt(rng.chisquare(3) / 3.0), 3.0), "calibration run 1"
-        )
-        trace = known_trace(rng, velocity, colour=0.9 * (seed % 2))
+    for true_gain, gain, trace in drawn_runs(velocity, n_runs):
         found = evaluate_misalignment(trace, BENCH, scale=gain, filter_model=FILTER)
         hits += [
             covers(found.amplitude_nm, 0.9 * true_gain / 6.6, 0.95),

@@ -1,6 +1,7 @@
 """Traces written from closed forms, with a truth that the tests know."""
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,3 +88,15 @@ def known_trace(
     if encoder:
         columns["motor_angle_rad"] = np.round(angle / (2.0 * np.pi) * 4000.0) * 2.0 * np.pi / 4000.0
     return Trace(columns, "known")
+
+
+def drawn_runs(velocity: np.ndarray, n_runs: int) -> Iterator[tuple[float, TorqueScale, Trace]]:
+    """Yield true gains, what a calibration of 1 % and 3 dof says of them, and traces of a motion.
+
+    The torque is what the true gain makes of the volts; noise is white and coloured in turn.
+    """
+    for seed in range(n_runs):
+        rng = np.random.default_rng(100 + seed)
+        true_gain = 6.6 * (1.0 + 0.01 * rng.normal())
+        found = scale(0.01 * float(np.sqrt(rng.chisquare(3) / 3.0)), 3.0)
+        yield true_gain, found, known_trace(rng, velocity, colour=0.9 * (seed % 2))

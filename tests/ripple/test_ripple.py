@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known_traces import Truth, bench, covers, known_trace, reversing_velocity, scale
+from known_traces import (
+    Truth,
+    bench,
+    covers,
+    drawn_runs,
+    known_trace,
+    reversing_velocity,
+    scale,
+)
 from scipy.stats import binom
 
 from hdbench.errors import DataError, UsageError
@@ -46,14 +54,7 @@ def test_amplitudes_and_phases_are_found_through_reversals(colour, reversals):
 
 def test_intervals_cover_the_truth_with_a_gain_of_three_dof():
     velocity, n_runs, hits = reversing_velocity(3.0), 24, np.zeros(4)
-    for seed in range(n_runs):
-        rng = np.random.default_rng(100 + seed)
-        true_gain = 6.6 * (1.0 + 0.01 * rng.normal())
-        gain = TorqueScale(
-            Quantity(6.6, 0.066 * math.sqrt(rng.chisquare(3) / 3.0), 3.0), "calibration run 1"
-        )
-        # the torque is what the true gain makes of the volts
-        trace = known_trace(rng, velocity, colour=0.9 * (seed % 2))
+    for true_gain, gain, trace in drawn_runs(velocity, n_runs):
         found = evaluate_ripple(trace, BENCH, scale=gain, filter_model=FILTER)
         truth = (0.4 * true_gain / 6.6, 0.2 * true_gain / 6.6, 0.6, -1.1)
         two, four = found.ripple

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from daqkit import Clock
 from faults.lines import in_thread
 from served import InThread
 
@@ -28,16 +29,6 @@ ROLES = ("torque", "tacho", "current", "reference", "encoder")
 
 
 @dataclass
-class HandClock:
-    """The clock of a device's watchdog: it goes when told, so that no busy machine trips it."""
-
-    now_s: float = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
-@dataclass
 class Served(InThread):
     """An emulated device in a thread."""
 
@@ -46,7 +37,7 @@ class Served(InThread):
     host: str
     port: int
     events: list[dict[str, object]]
-    watchdog_clock: HandClock
+    watchdog_clock: Clock
 
     @property
     def device(self) -> LabJackDevice:
@@ -66,7 +57,8 @@ def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[
     made = table or PROFILE.daq
     terminals = {c.number: (c.role, 1.0) for c in made.channels if c.role != "encoder"}
     wiring = Wiring(instrument, made, terminals, seed)
-    clock = HandClock()
+    # it goes when told, so that no busy machine trips the watchdog
+    clock = Clock(0.0)
     server = EmulatedLabJack(LabJackDevice(wiring, seed, clock=clock))
     with in_thread(lambda: server.open(EmulatorSettings()), server.close) as (loop, found):
         address = parse_address(str(found["address"]))
