@@ -7,23 +7,21 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from subprocess import PIPE
 from types import SimpleNamespace
 
 import pytest
 import swinging_shaft as swinging
-from forked import hdbench_process
 
 from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
 from hdbench.batch.workers import _run
 from hdbench.errors import BusyError, UsageError
 from hdbench.records import write_trace
 from hdbench_cli.commands.batch_task import run_one
-from hdbench_cli.main import _run as run_line
-from hdbench_cli.output import Output
 
-KilledWorker = pytest.importorskip("distributed").KilledWorker
+distributed = pytest.importorskip("distributed")
+HDBENCH = [sys.executable, "-m", "hdbench_cli"]
 
 
 def record(path: Path, seed: int, seconds: int = 4) -> Path:
@@ -46,11 +44,18 @@ def traces(tmp_path: Path) -> Path:
     return folder
 
 
-def batch(*words: object) -> tuple[int, str, str]:
-    """Return exit code, stdout and stderr of a batch."""
-    process = hdbench_process(["batch", *words], stdout=PIPE, stderr=PIPE, text=True)
-    told = process.communicate()
-    return process.returncode, *told
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Yield the address of a scheduler with one worker, on which batches begin at once."""
+    one = {"n_workers": 1, "threads_per_worker": 1}
+    with distributed.LocalCluster(**one, dashboard_address=":0") as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.fixture
+def resumed(scheduler, answer):
+    """Return a function that goes on with a batch, for what it tells."""
+    return lambda *words: answer("batch", *words, "--scheduler", scheduler, "--resume", code=6)
 
 
 def table(out: Path) -> list[dict[str, str]]:
@@ -58,12 +63,13 @@ def table(out: Path) -> list[dict[str, str]]:
         return [{**row, "seconds": ""} for row in csv.DictReader(file)]
 
 
-def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path):
+def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path, resumed, hdbench):
     out = tmp_path / "out"
     words = ["run-ripple", traces, "--no-report", "--out", out]
-    code, told, errors = batch(*words, "--workers", "2", "--json")
-    assert code == 6, errors
-    body = json.loads(told)
+    line = [*HDBENCH, "batch", *map(str, words), "--workers", "2", "--json"]
+    ran = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert ran.returncode == 6, ran.stderr
+    body = json.loads(ran.stdout)
     assert (body["done"], body["failed"], body["skipped"]) == (3, 1, 0)
     assert [Path(row["input"]).stem for row in body["rows"]] == [
         "drive-0", "drive-1", "drive-2", "spoilt",
@@ -71,9 +77,8 @@ def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path
     assert body["rows"][3]["exit_code"] == 4
     assert "spoilt.csv" in body["rows"][3]["error"]
     row = body["rows"][1]
-    alone = ["run-ripple", "--from", row["input"], "--no-report", "--out", str(tmp_path / "alone")]
-    output = Output(json=True)
-    assert run_line(alone, output) == row["exit_code"]
+    alone = ["run-ripple", "--from", row["input"], "--no-report", "--out", tmp_path / "alone"]
+    hdbench(*alone, code=row["exit_code"])
     single = json.loads(next((tmp_path / "alone").glob("*/result.json")).read_text())
     result = json.loads((Path(row["result"]) / "result.json").read_text())
     assert result | {"run": ""} == single | {"run": ""}
@@ -82,16 +87,16 @@ def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces, tmp_path
     assert row["ripple[order=2].amplitude_nm_std"] == amplitude["std"]
 
     # the same again computes nothing; a changed input and a new option do
-    again = json.loads(batch(*words, "--workers", "1", "--resume", "--json")[1])
+    again = resumed(*words)
     assert (again["done"], again["skipped"]) == (0, 3)
     assert again["rows"] == body["rows"]
     journal = (out / "batch.jsonl").read_bytes()
     os.utime(traces / "drive-0.csv", (2e9 - 1e9, 3e8))
     record(traces / "drive-2.csv", 7)
-    third = json.loads(batch(*words, "--workers", "1", "--resume", "--json")[1])
+    third = resumed(*words)
     assert (third["done"], third["skipped"]) == (1, 2)
     assert (out / "batch.jsonl").read_bytes().startswith(journal)
-    assert batch(*words)[0] == 2
+    hdbench("batch", *words, code=2)
 
 
 def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path):
@@ -112,7 +117,7 @@ class _Future:
 
     def __init__(self) -> None:
         self.seen = iter(["finished", "lost", "finished", "finished"])
-        self.fetched = iter([TimeoutError(), KilledWorker("", None, 0), 7])
+        self.fetched = iter([TimeoutError(), distributed.KilledWorker("", None, 0), 7])
 
     status = property(lambda self: next(self.seen))
 
@@ -134,7 +139,8 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
         nthreads=lambda: asked.append(1) or {"worker": 1},
     )
     library = SimpleNamespace(
-        KilledWorker=KilledWorker, wait=lambda held, **_words: SimpleNamespace(done=held)
+        KilledWorker=distributed.KilledWorker,
+        wait=lambda held, **_words: SimpleNamespace(done=held),
     )
     there = Workers(scheduler="tcp://there:8786")
     outcomes = list(_run(library, client, len, iter(["task"]), there))
@@ -142,13 +148,14 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
     assert asked
 
 
-def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_path):
+def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_path, resumed):
     # so long that the batch is not done when the signal arrives
     for seed in range(3, 6):
         record(traces / f"drive-{seed}.csv", seed, 15)
     out = tmp_path / "out"
-    words = ["run-ripple", str(traces), "--no-report", "--workers", "1", "--out", str(out)]
-    running = hdbench_process(["batch", *words], stderr=PIPE, text=True, start_new_session=True)
+    words = ["run-ripple", traces, "--no-report", "--out"]
+    line = [*HDBENCH, "batch", *map(str, words), str(out), "--workers", "1"]
+    running = subprocess.Popen(line, stderr=subprocess.PIPE, text=True, start_new_session=True)
     journal = out / "batch.jsonl"
     while running.poll() is None:
         if journal.exists() and journal.read_text().count('"row"') >= 1:
@@ -161,9 +168,8 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_p
     assert "Traceback" not in error
     assert not (out / ".parts").exists()
     assert len(table(out)) < 7
-    assert batch(*words, "--resume")[0] == 6
-    undisturbed = [*words[:-1], str(tmp_path / "whole")]
-    assert batch(*undisturbed)[0] == 6
+    resumed(*words, out)
+    resumed(*words, tmp_path / "whole")
     plain = [
         [{**row, "result": Path(row["result"]).name} for row in table(folder)]
         for folder in (out, tmp_path / "whole")
