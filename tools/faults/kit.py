@@ -197,21 +197,13 @@ def _still(event: dict[str, float]) -> bool:
 @contextmanager
 def served(folder: Path, profile: Path, pace: str = "realtime") -> Iterator[ServedBench]:
     """Serve an emulated bench in a process of its own."""
+    from hdbench.devices.emulator.process import running_emulator
+    from hdbench.profile import load_profile
+
     record = folder / f"motor-{time.monotonic_ns()}.jsonl"
-    words = ["emulate", "--profile", str(profile), "--pace", pace, "--record", str(record)]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "hdbench_cli", *words, "--json"], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        if process.stdout is None:
-            raise RuntimeError("no pipe")
-        address = json.loads(process.stdout.readline())["address"]
-        yield ServedBench(address, record)
-    finally:
-        process.terminate()
-        process.wait(10)
-        if process.stdout is not None:
-            process.stdout.close()
+    data, made = load_profile(str(profile)).data, {"plant": "as-modelled", "seed": 0}
+    with running_emulator(data, **made, pace=pace, record=record) as found:
+        yield ServedBench(str(found["address"]), record)
 
 
 class acknowledging:  # noqa: N801 - used like a function
