@@ -168,8 +168,23 @@ def _since(ctx: click.Context, param: click.Parameter, value: str | None) -> dat
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
+class _Finite(click.types.FloatParamType):
+    """A number that is neither infinite nor NaN."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+class _FiniteRange(click.FloatRange, _Finite):
+    """A finite number within limits."""
+
+
 _TYPES: dict[str, Any] = {
-    "float": float,
+    "float": _Finite(),
     "int": int,
     "path": click.Path(path_type=Path),
     "file": click.Path(path_type=Path, dir_okay=False),
@@ -191,5 +206,5 @@ def _type(entry: dict[str, Any]) -> Any:
     if not limits:
         return _TYPES.get(name)
     ends = limits.get("min", limits.get("above")), limits.get("max", limits.get("below"))
-    form = click.IntRange if name == "int" else click.FloatRange
+    form = click.IntRange if name == "int" else _FiniteRange
     return form(*ends, min_open="above" in limits, max_open="below" in limits)

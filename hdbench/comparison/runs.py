@@ -17,7 +17,7 @@ from hdbench.comparison.dynamic import (
 from hdbench.comparison.overlay import overlay
 from hdbench.comparison.score import Compared, Terms
 from hdbench.comparison.side import Side, environment_changes, load_side, profile_changes
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError
 from hdbench.records.csvtext import csv_text
 from hdbench.records.jsonfile import result_header
 from hdbench.results import CalibrationResult
@@ -192,15 +192,7 @@ def compare_runs(
     ------
     DataError
         If one is damaged, has no result, or they are of different kinds.
-    UsageError
-        If the confidence is out of its domain.
     """
-    if not 0.5 < confidence < 1.0:
-        raise UsageError(
-            f"confidence {confidence!r}; needed: above 0.5 and below 1",
-            where="--confidence",
-            fix="take 0.95",
-        )
     first, second = load_side(Path(a)), load_side(Path(b))
     if first.kind != second.kind:
         raise DataError(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from hdbench.gauges.errortable import Tolerance, table_as_csv, tabulate_errors
-from hdbench.gauges.layout import GridGeometry, layout_named, usual_places
+from hdbench.gauges.layout import LAYOUTS, GridGeometry, usual_places
 from hdbench.gauges.misplacement import gauged_bench
 
 __all__ = [
+    "LAYOUTS",
     "GridGeometry",
     "Tolerance",
     "gauged_bench",
-    "layout_named",
     "table_as_csv",
     "tabulate_errors",
     "usual_places",

@@ -62,7 +62,7 @@ class FilmRequest:
     bench: str = ""
 
     def __post_init__(self) -> None:
-        problems = list(self._sizes()) or list(self._fits())
+        problems = list(self._fits())
         if len(problems) == 1:
             raise problems[0]
         if problems:
@@ -83,21 +83,6 @@ class FilmRequest:
     def target_mm(self) -> float:
         """Distance from the middle to a registration target, along x and along y, mm."""
         return 0.5 * self.diameter_mm + TARGET_GAP_MM
-
-    def _sizes(self) -> Iterator[UsageError]:
-        if self.sheet not in SHEETS:
-            yield _bad("--sheet", f"sheet {self.sheet!r:.30}", f"one of {', '.join(SHEETS)}")
-        for where, value, least, most in (
-            ("--diameter", self.diameter_mm, 10.0, 400.0),
-            ("--boss", self.boss_mm, 0.0, 400.0),
-            ("--pad-width", self.pad_mm[0], 0.5, 100.0),
-            ("--pad-length", self.pad_mm[1], 0.5, 100.0),
-            ("--grid-length", self.grid_mm[0], 0.5, 50.0),
-            ("--grid-width", self.grid_mm[1], 0.1, 50.0),
-            ("--line", self.line_mm, 0.01, 0.5),
-        ):
-            if not least <= value <= most:
-                yield _bad(where, f"{value:g} mm", f"{least:g} to {most:g} mm")
 
     def _fits(self) -> Iterator[UsageError]:
         radius, (pad, length) = self.geometry.radius_mm, self.pad_mm

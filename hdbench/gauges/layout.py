@@ -6,8 +6,6 @@ import cmath
 import math
 from dataclasses import dataclass
 
-from hdbench.errors import UsageError
-
 # share of the flexspline's diameter that its boss takes where nobody gave it; ours, from drawings
 # of cup-type flexsplines: every one is to be measured
 _BOSS_SHARE = 0.44
@@ -80,32 +78,6 @@ LAYOUTS = {
 }
 
 
-def layout_named(name: str) -> Layout:
-    """Return the layout of a name.
-
-    Parameters
-    ----------
-    name : str
-        ``four``, ``two`` or ``spread``.
-
-    Returns
-    -------
-    Layout
-
-    Raises
-    ------
-    UsageError
-        If there is none of this name.
-    """
-    if name not in LAYOUTS:
-        raise UsageError(
-            f"layout {name!r:.40}; needed: one of {', '.join(LAYOUTS)}",
-            where="gauge layout",
-            fix="name one of them",
-        )
-    return LAYOUTS[name]
-
-
 @dataclass(frozen=True, slots=True)
 class GridGeometry:
     """Where the two grids of a rosette are.
@@ -121,21 +93,6 @@ class GridGeometry:
 
     radius_mm: float
     spacing_mm: float
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.radius_mm < math.inf:
-            raise UsageError(
-                f"radius {self.radius_mm!r} mm; needed: a finite length above 0 mm",
-                where="--radius",
-                fix="give the distance from the axis to the centre of a rosette",
-            )
-        if not 0.0 <= self.spacing_mm < 2.0 * self.radius_mm:
-            raise UsageError(
-                f"grid spacing {self.spacing_mm!r} mm at a radius of {self.radius_mm:g} mm; needed:"
-                " at least 0 mm, and an inner grid outside the axis",
-                where="--grid-spacing",
-                fix="take it from the data sheet of the rosette",
-            )
 
 
 def cancellation(layout: Layout, order: float) -> float:
@@ -161,7 +118,7 @@ def cancellation(layout: Layout, order: float) -> float:
 
     Examples
     --------
-    >>> two = layout_named("two")
+    >>> two = LAYOUTS["two"]
     >>> round(cancellation(two, 2), 12), round(cancellation(two, 4), 12)
     (0.0, 1.0)
     """
@@ -185,17 +142,6 @@ def usual_places(diameter_mm: float, boss_mm: float | None = None) -> tuple[floa
         Diameter of the boss, mm.
     radius_mm : float
         Midway between boss and rim, mm.
-
-    Raises
-    ------
-    UsageError
-        If the diameter is not a finite length above 0.
     """
-    if not 0.0 < diameter_mm < math.inf:
-        raise UsageError(
-            f"diameter {diameter_mm!r} mm; needed: a finite length above 0 mm",
-            where="--diameter",
-            fix="give the flexspline's diameter",
-        )
     boss = round(2.0 * _BOSS_SHARE * diameter_mm) / 2.0 if boss_mm is None else boss_mm
     return boss, 0.25 * (diameter_mm + boss)

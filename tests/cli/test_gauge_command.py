@@ -31,6 +31,27 @@ def test_sizes_that_do_not_fit_exit_2_and_write_nothing(tmp_path, hdbench):
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("gauge", "errors", "--radial", "-1"),
+        ("gauge", "errors", "--radial", "inf"),
+        ("gauge", "errors", "--circumferential", "nan"),
+        ("gauge", "errors", "--angular", "21"),
+        ("gauge", "errors", "--draws", "99"),
+        ("gauge", "film", "--line", "nan"),
+        ("gauge", "film", "--sheet", "a5"),
+        ("runs", "compare", "--confidence", "1"),
+        ("runs", "compare", "--confidence", "0.5"),
+        ("export", "--period", "0"),
+        ("export", "--period", "nan"),
+    ],
+)
+def test_a_number_out_of_its_range_is_refused_with_its_option(hdbench, words):
+    _, told = hdbench(*words, code=2)
+    assert words[-2] in told
+
+
 def test_one_degree_is_told_in_newton_metres(tmp_path, answer):
     table = tmp_path / "errors.csv"
     words = ("--circumferential", "1", "--draws", "500", "--csv", table)

@@ -12,7 +12,7 @@ from scipy import stats
 from hdbench.comparison import compare_runs, comparison_csv
 from hdbench.comparison.orders import OrderPair, compare_pattern
 from hdbench.comparison.score import SharedPart, compared, own_part
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError
 from hdbench.estimation.harmonics import combine
 from hdbench.records import Quantity
 from hdbench.records.jsonfile import dumps
@@ -375,17 +375,13 @@ def test_a_misshapen_entry_is_named_and_no_bug(tmp_path, damage):
     assert compare_runs(good, good).verdict == "within-uncertainty"
 
 
-def test_other_files_and_a_wrong_confidence_are_refused(tmp_path):
+def test_other_files_are_refused(tmp_path):
     other = store(tmp_path / "o.json", "orders")
     with pytest.raises(DataError, match="schema"):
         compare_runs(other, other)
     (tmp_path / "run").mkdir()
     with pytest.raises(DataError, match=r"no result\.json"):
         compare_runs(tmp_path / "run", other)
-    good = store(tmp_path / "a.json", "misalignment", **misalignment(1.0))
-    for confidence in (1.0, 0.5, math.nan):
-        with pytest.raises(UsageError):
-            compare_runs(good, good, confidence=confidence)
 
 
 def test_the_csv_holds_the_numbers_of_the_json(tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hdbench.gauges import GridGeometry, gauged_bench, layout_named
+from hdbench.gauges import LAYOUTS, GridGeometry, gauged_bench
 from hdbench.gauges.misplacement import GaugedBench
 from hdbench.gauges.strain import StrainField, Wave
 from hdbench.profile import load_profile
@@ -25,6 +25,6 @@ def bench(report: ProfileData):
             Wave(4.0, field.pop("fourth", 0.0)),
         )
         strain = StrainField(1.0, waves, normal_share=normal, **field)
-        return gauged_bench(report, layout_named(layout), GridGeometry(16.5, spacing), strain)
+        return gauged_bench(report, LAYOUTS[layout], GridGeometry(16.5, spacing), strain)
 
     return make

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.gauges import (
+    LAYOUTS,
     GridGeometry,
     Tolerance,
     gauged_bench,
-    layout_named,
     table_as_csv,
     tabulate_errors,
     usual_places,
@@ -49,7 +49,7 @@ def film_command(
         GridGeometry(radius, asked["grid_spacing"]),
         (asked["pad_width"], asked["pad_length"]),
         (asked["grid_length"], asked["grid_width"]),
-        layout_named(layout),
+        LAYOUTS[layout],
         asked["sheet"],
         asked["mirror"],
         asked["line"],
@@ -78,7 +78,7 @@ def errors_command(
     radius = usual if asked["radius"] is None else asked["radius"]
     geometry = GridGeometry(radius, asked["grid_spacing"])
     strain = (asked[name] for name in _STRAIN)
-    bench = gauged_bench(profile.data, layout_named(layout), geometry).with_strain(*strain)
+    bench = gauged_bench(profile.data, LAYOUTS[layout], geometry).with_strain(*strain)
     tolerance = Tolerance(*(asked[name] for name in _TOLERANCE))
     found = tabulate_errors(bench, tolerance, draws=asked["draws"], seed=asked["seed"])
     told = found.to_dict()

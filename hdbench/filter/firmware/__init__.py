@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import hdbench
-from hdbench.errors import DataError, StorageError
+from hdbench.errors import StorageError
 from hdbench.filter.kalman import PRIOR, block_rows, new_state, pack, run
 from hdbench.filter.model import FilterModel
 from hdbench.records import FloatArray
@@ -55,17 +55,9 @@ def export_firmware(
 
     Raises
     ------
-    DataError
-        If the period is out of its domain.
     StorageError
         If a file cannot be written.
     """
-    if not 0.0 < sample_period_s < math.inf:
-        raise DataError(
-            f"the sampling period is {sample_period_s!r} s; needed: above 0",
-            where="--period",
-            fix="give the period of the controller's interrupt in seconds",
-        )
     packed = pack(model)
     body = json.dumps(model.to_dict(), sort_keys=True)
     provenance = [
