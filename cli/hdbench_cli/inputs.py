@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import DataError, StorageError, UsageError
+from hdbench.errors import StorageError, UsageError
 from hdbench.filter import FilterModel
 from hdbench.profile import Profile, load_profile, stored_profile
 from hdbench.profile.scaling import rescaled, stored_scale
@@ -64,10 +63,6 @@ def read_input(
     """Read a trace and give it its torque in N m: by --gain, calibration, run, model or profile."""
     file = resolve_input(source)
     trace = read_trace(file)
-    if gain is not None:
-        trace = _scaled(trace, gain)
-        scale = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
-        return Input(source, file, trace, scale)
     stored = None
     if (source / "run.json").is_file():
         stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
@@ -75,24 +70,8 @@ def read_input(
     if stored is None and model is not None and known is not None and "torque_nm" not in trace:
         origin = model.provenance.get("torque_gain_nm_per_v", "not stated")
         stored = TorqueScale(Quantity(known, 0.0), f"filter model {model.name}: {origin}")
-    trace, scale = rescaled(trace, profile, calibration=calibration, stored=stored)
+    trace, scale = rescaled(trace, profile, calibration=calibration, stored=stored, gain=gain)
     return Input(source, file, trace, scale)
-
-
-def _scaled(trace: Trace, gain: float) -> Trace:
-    if not 0.0 < abs(gain) < math.inf:
-        raise UsageError(
-            f"gain {gain!r} N m/V; needed: a finite number other than 0",
-            where="--gain",
-            fix="give the sensor's torque per volt",
-        )
-    if "torque_v" not in trace:
-        raise DataError(
-            "no torque_v column to scale by --gain; found torque_nm only",
-            where=trace.source,
-            fix="leave --gain out, or import the raw volts as torque_v",
-        )
-    return trace.with_columns(torque_nm=trace["torque_v"] * gain)
 
 
 def check_out(out: Path, source: Path, file: Path) -> None:

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import DataError
+from hdbench.errors import DataError, UsageError
 from hdbench.profile.loader import Profile
 from hdbench.records import Quantity, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json
@@ -74,29 +74,36 @@ def stored_scale(calibration: Any, where: Path) -> TorqueScale | None:
 
 
 def rescaled(
-    trace: Trace, profile: Profile, *, calibration: Path | None, stored: TorqueScale | None
+    trace: Trace,
+    profile: Profile,
+    *,
+    calibration: Path | None,
+    stored: TorqueScale | None,
+    gain: float | None = None,
 ) -> tuple[Trace, TorqueScale]:
     """Give a trace its torque in newton metres and say by which gain."""
-    if calibration is not None:
-        if "torque_v" not in trace:
-            raise DataError(
-                "no torque_v column to scale by the calibration; found torque_nm only",
-                where=trace.source,
-                fix="leave --calibration out, or import the raw volts as torque_v",
-            )
-        scale = read_calibration(calibration)
-        return _scaled(trace, scale), scale
-    if "torque_nm" in trace:
+    asked, option = None, "--calibration"
+    if gain == 0.0:
+        fix = "give the sensor's torque per volt"
+        raise UsageError("a gain of 0 N m/V; needed: another number", where="--gain", fix=fix)
+    if gain is not None:
+        asked = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
+        option = "--gain"
+    elif calibration is not None:
+        asked = read_calibration(calibration)
+    if asked is not None and "torque_v" not in trace:
+        raise DataError(
+            f"no torque_v column to scale by {option}; found torque_nm only",
+            where=trace.source,
+            fix=f"leave {option} out, or import the raw volts as torque_v",
+        )
+    if asked is None and "torque_nm" in trace:
         as_given = TorqueScale(
             Quantity(1.0, 0.0), "torque_nm as given; no gain applied, its uncertainty not declared"
         )
         return trace, stored or as_given
-    scale = stored or profile_scale(profile)
-    return _scaled(trace, scale), scale
-
-
-def _scaled(trace: Trace, scale: TorqueScale) -> Trace:
-    return trace.with_columns(torque_nm=trace["torque_v"] * scale.gain_nm_per_v.value)
+    scale = asked or stored or profile_scale(profile)
+    return trace.with_columns(torque_nm=trace["torque_v"] * scale.gain_nm_per_v.value), scale
 
 
 def measured_utc(run: Path) -> str | None:

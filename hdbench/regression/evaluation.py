@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.estimation.stretches import torque_channel
 from hdbench.evaluation import evaluate
 from hdbench.filter import FilterModel, filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
@@ -47,10 +46,10 @@ def _result(
     case: Case, profile: Profile, records: Trace | Loads, scale: TorqueScale
 ) -> dict[str, Any]:
     if case.kind == "diagnosis" and isinstance(records, Trace):
-        return _diagnosis(case, profile, _in_nm(records, scale))
+        return _diagnosis(case, profile, records)
     model = load_filter_model(case.filter_name or profile.data.filter.model, profile.data)
     if case.kind == "filter" and isinstance(records, Trace):
-        return _filtered(records, scale, model, profile).to_json()
+        return _filtered(records, model, profile).to_json()
     stretch = Stretch(**case.options) if case.kind == "ripple" and case.options else None
     return evaluate(
         case.kind,
@@ -63,14 +62,8 @@ def _result(
     ).to_json()
 
 
-def _filtered(
-    trace: Trace, scale: TorqueScale, model: FilterModel, profile: Profile
-) -> FilteredTrace:
-    torque_nm = filter_trace(
-        _in_nm(trace, scale),
-        model,
-        profile.data,
-    ).torque_filtered_nm
+def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> FilteredTrace:
+    torque_nm = filter_trace(trace, model, profile.data).torque_filtered_nm
     good = torque_nm[np.isfinite(torque_nm)]
     at = np.linspace(0, len(good) - 1, min(_POINTS, len(good))).astype(int)
     return FilteredTrace(
@@ -83,10 +76,6 @@ def _filtered(
         samples_nm=tuple(good[at].tolist()),
         sha256=hashlib.sha256(np.ascontiguousarray(torque_nm, dtype="<f8").tobytes()).hexdigest(),
     )
-
-
-def _in_nm(trace: Trace, scale: TorqueScale) -> Trace:
-    return trace.with_columns(torque_nm=torque_channel(trace, scale))
 
 
 def _diagnosis(case: Case, profile: Profile, trace: Trace) -> dict[str, Any]:

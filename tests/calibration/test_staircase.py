@@ -14,8 +14,7 @@ from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
 from hdbench.calibration.staircase.plateaus import find_glitches, find_plateaus, find_stuck
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.recipe import Entry
+from hdbench.importing.recipe import Recipe
 from hdbench.profile import load_profile
 from hdbench.records.loads import read_loads
 
@@ -31,8 +30,9 @@ def cell_file() -> Path:
 
 
 def cell_plan(column: int, loads: tuple[float, ...] = LB, **more: object) -> StaircasePlan:
-    maps = (Entry("time_s", "1*0.001"), Entry("reading_v", str(column)))
-    return StaircasePlan(maps, (), loads, "lb", layout=ForeignFormat(",", False), **more)
+    maps = {"time_s": "1*0.001", "reading_v": str(column)}
+    recipe = Recipe("loads", maps, delimiter="comma", no_header=True)
+    return StaircasePlan(recipe, loads, "lb", **more)
 
 
 def arm():
@@ -185,21 +185,20 @@ def written(tmp_path: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     ("constants", "maps", "error", "text"),
     [
-        ((Entry("series", "up"),), ("t", "v"), UsageError, "no meaning for a staircase"),
-        ((Entry("direction", "left"),), ("t", "v"), UsageError, "direction is 'left'"),
-        ((Entry("position_rad", "nan"),), ("t", "v"), UsageError, "position_rad"),
-        ((), (None, "v"), UsageError, "no time"),
-        ((), ("t", None), UsageError, "no readings"),
-        ((), ("v", "v"), DataError, "time does not rise"),
-        ((), ("t", "v"), DataError, "found 0 plateaus for 9 loads"),
+        ({"series": "up"}, ("t", "v"), UsageError, "no meaning for a staircase"),
+        ({"direction": "left"}, ("t", "v"), UsageError, "direction is 'left'"),
+        ({"position_rad": "nan"}, ("t", "v"), UsageError, "position_rad"),
+        ({}, (None, "v"), UsageError, "no time"),
+        ({}, ("t", None), UsageError, "no readings"),
+        ({}, ("v", "v"), DataError, "time does not rise"),
+        ({}, ("t", "v"), DataError, "found 0 plateaus for 9 loads"),
     ],
 )
 def test_a_staircase_that_cannot_be_brought_in_says_why(tmp_path, constants, maps, error, text):
     file = written(tmp_path, "t,v\n" + "".join(f"{k},{k % 3}\n" for k in range(9)))
     names = zip(("time_s", "reading_v"), maps, strict=True)
-    plan = StaircasePlan(
-        tuple(Entry(name, source) for name, source in names if source), constants, LB
-    )
+    columns = {name: source for name, source in names if source}
+    plan = StaircasePlan(Recipe("loads", columns, constants), LB)
     with pytest.raises(error, match=text) as caught:
         import_staircase(plan, file, tmp_path / "out.csv", arm())
     assert caught.value.fix
@@ -208,6 +207,6 @@ def test_a_staircase_that_cannot_be_brought_in_says_why(tmp_path, constants, map
 
 def test_the_input_is_never_overwritten(tmp_path):
     file = written(tmp_path, "t,v\n0,1\n1,2\n")
-    plan = StaircasePlan((Entry("time_s", "t"), Entry("reading_v", "v")), (), LB)
+    plan = StaircasePlan(Recipe("loads", {"time_s": "t", "reading_v": "v"}), LB)
     with pytest.raises(UsageError, match="is the input"):
         import_staircase(plan, file, file, arm())

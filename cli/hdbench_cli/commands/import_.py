@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +15,7 @@ from hdbench.errors import UsageError
 from hdbench.importing.importer import ImportReport, import_files
 from hdbench.importing.listing import ChannelFacts, list_channels
 from hdbench.importing.proposal import Proposal, proposed_mapping, time_candidate
-from hdbench.importing.recipe import Recipe, known_columns, parse_entry, read_recipe, write_recipe
+from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.trace import no_time
@@ -145,14 +144,14 @@ def import_command(
     profile = load_profile(profile_name or DEFAULT_PROFILE)
     timed = {"time_s": time} if time is not None else {}
     recipe = Recipe(
-        "trace" if kind == "staircase" else kind,
+        "loads" if kind == "staircase" else kind,
         {**_pairs(maps, "--map"), **timed},
         _pairs(constants, "--set"),
         **layout,
     )
     if kind == "staircase":
-        stairs = (maps, constants, time, loads)
-        _staircase(output, stairs, recipe, load_unit, least_s, files, _needed(out), profile)
+        plan = StaircasePlan(recipe, _numbers(loads), load_unit, least_s)
+        _staircase(output, plan, files, _needed(out), profile)
         return
     keep = recipe_file is not None and not recipe_file.exists()
     if recipe_file is not None and not keep:
@@ -200,28 +199,13 @@ def _run(
 
 
 def _staircase(
-    output: Output,
-    stairs: tuple[tuple[str, ...], tuple[str, ...], str | None, str | None],
-    recipe: Recipe,
-    unit: str,
-    least_s: float,
-    files: tuple[Path, ...],
-    out: Path,
-    profile: Profile,
+    output: Output, plan: StaircasePlan, files: tuple[Path, ...], out: Path, profile: Profile
 ) -> None:
     """Bring in raw readings under changing weights, and tell what was found."""
     if len(files) != 1:
         raise UsageError(
             f"{len(files)} files", where="FILE", fix="bring in one staircase at a time"
         )
-    maps, constants, time, loads = stairs
-    known = known_columns("loads")
-    columns = [parse_entry("--map", text, known) for text in maps]
-    if time is not None:
-        columns.append(parse_entry("--map", f"time_s={time}", known))
-    fixed = tuple(parse_entry("--set", text, known) for text in constants)
-    plan = StaircasePlan(tuple(columns), fixed, _numbers(loads))
-    plan = replace(plan, unit=unit, least_s=least_s, rate_hz=recipe.rate_hz, layout=recipe.layout)
     report = import_staircase(plan, files[0], out, profile.data.arm)
     body = {**result_header("import", profile), **report.to_dict()}
     output.result(body, _plateaus(report))

@@ -6,7 +6,7 @@ import bisect
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,7 @@ import numpy as np
 from hdbench.calibration.staircase.plateaus import Plateau, Staircase, find_plateaus
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.convert import conversion, find_source
-from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.recipe import Entry
+from hdbench.importing.recipe import Entry, Recipe
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.profile.calibrating import Arm
@@ -39,20 +38,15 @@ _Place = tuple[str, float, str, str]
 class StaircasePlan:
     """What comes from where."""
 
-    # `time_s` and `reading_v`
-    maps: tuple[Entry, ...]
-    # `experiment`, `position_rad`, `range`, `direction`; each has a default
-    constants: tuple[Entry, ...]
+    # where `time_s` and `reading_v` are, or the rate; `experiment`, `position_rad`, `range` and
+    # `direction` have defaults
+    recipe: Recipe
     # loads in the order in which they were hung
     loads: tuple[float, ...]
     # `nm`, `kg` or `lb`
     unit: str = "nm"
     # shortest plateau, s
     least_s: float = 3.0
-    # sample rate where there is no time column, Hz
-    rate_hz: float | None = None
-    # how the file is laid out
-    layout: ForeignFormat = field(default_factory=ForeignFormat)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +130,11 @@ def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> St
     file, out = Path(file), Path(out)
     if out.resolve() == file.resolve():
         raise UsageError(f"{out} is the input", where="--out", fix="name a new file")
-    place = _place(plan.constants)
-    maps = {m.target: m.text for m in plan.maps}
-    with closing(open_source(file, plan.layout)) as source:
+    recipe, place = plan.recipe, _place(plan.recipe.constants())
+    maps = {m.target: m.text for m in recipe.maps()}
+    with closing(open_source(file, recipe.layout)) as source:
         reading = _reading(source, maps)
-        time_s = _time(source, maps, len(reading), plan.rate_hz)
+        time_s = _time(source, maps, len(reading), recipe.rate_hz)
     stairs = find_plateaus(time_s, reading, plan.least_s)
     loads = _staircase_loads(stairs, plan.loads, plan.unit, place, arm, source=str(file))
     staged = staged_path(out)
