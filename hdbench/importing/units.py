@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 
+from hdbench.records.trace import unit_of_column
+
 # a number in brackets is a place in a list
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[(\[](?P<unit>(?!\s*\d+\s*[)\]])[^()\[\]]{1,16})[)\]]\s*")
 _BEHIND = re.compile(
@@ -16,17 +18,6 @@ _PER_BEHIND = re.compile(
 )
 _TIME = re.compile(
     r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
-)
-# longest first: `_rad_s` ends in `_s` too
-_SUFFIXES = (
-    ("_rad_s", "rad/s"),
-    ("_rad", "rad"),
-    ("_nm", "N m"),
-    ("_v", "V"),
-    ("_a", "A"),
-    ("_c", "degC"),
-    ("_kg", "kg"),
-    ("_s", "s"),
 )
 # pi/30, pi/180 and 2 pi to 28 digits; pound and foot-pound by their international definitions
 _PER_RPM = Decimal("0.1047197551196597746154214461")
@@ -127,8 +118,9 @@ def is_time_name(name: str) -> bool:
 
 
 def target_unit(column: str) -> str:
-    """Return the unit of one of our columns by the end of its name; empty where it has none."""
-    return next((unit for end, unit in _SUFFIXES if column.endswith(end)), "")
+    """Return the unit of one of our columns by its name; empty where no log states such units."""
+    unit = unit_of_column(column)
+    return unit if unit in _SCALES else ""
 
 
 def unit_scale(unit: str, wanted: str) -> Decimal | None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError
 from hdbench.records.jsonfile import read_json
 from hdbench.records.loads import ArmLike, Loads, is_loads_file, read_loads
 from hdbench.records.parquetfile import library
@@ -22,22 +22,9 @@ from hdbench.records.provenance import input_identity
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RUN_SCHEMA
 from hdbench.records.storage import write_atomic
+from hdbench.records.trace import unit_of_column
 from hdbench.records.tracefile import read_trace
 
-# longest first: `_rad_s` ends in `_s` too
-_UNITS = {
-    "_rad_s2": "rad/s^2",
-    "_rad_s": "rad/s",
-    "_rad": "rad",
-    "_nm": "N m",
-    "_hz": "Hz",
-    "_kg": "kg",
-    "_v": "V",
-    "_a": "A",
-    "_c": "degC",
-    "_s": "s",
-    "_count": "1",
-}
 # columns of loads, words first
 _LOADS = (
     *("experiment", "range", "direction", "series"),
@@ -64,14 +51,6 @@ class Content:
     channels: Mapping[str, Channel]  # in the order of the file
     # file, its SHA-256, the run, and as JSON text what it holds beside the samples
     attributes: Mapping[str, str]
-
-
-def unit_of_column(name: str) -> str:
-    """Return the unit that a column's name ends in."""
-    for ending, unit in _UNITS.items():
-        if name.endswith(ending):
-            return unit
-    return ""
 
 
 def gather(source: Path, arm: ArmLike) -> Content:
@@ -136,12 +115,6 @@ _LONGEST_MATLAB = 63
 
 def export_records(content: Content, folder: Path, kind: str) -> Path:
     """Write a record in another program's form."""
-    if kind not in FORMATS:
-        raise UsageError(
-            f"{kind!r} is no form to export to; needed: {', '.join(FORMATS)}",
-            where="--format",
-            fix="take parquet for data tools, hdf5 for archives, mat for MATLAB",
-        )
     ending, writer = FORMATS[kind]
     body = writer(content)
     folder = Path(folder)

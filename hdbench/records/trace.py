@@ -11,6 +11,26 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+# longest first: `_rad_s` ends in `_s` too
+_UNITS = {
+    "_rad_s2": "rad/s^2",
+    "_rad_s": "rad/s",
+    "_rad": "rad",
+    "_nm": "N m",
+    "_hz": "Hz",
+    "_kg": "kg",
+    "_v": "V",
+    "_a": "A",
+    "_c": "degC",
+    "_s": "s",
+    "_count": "1",
+}
+
+
+def unit_of_column(name: str) -> str:
+    """Return the unit that a column's name ends in; empty where it ends in none."""
+    return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+
 
 @dataclass(frozen=True, slots=True)
 class Trace:

@@ -9,7 +9,8 @@ from runkit import write_run
 
 from hdbench.errors import DataError, UsageError
 from hdbench.profile import load_profile
-from hdbench.records.exporting import FORMATS, export_records, gather, unit_of_column
+from hdbench.records.exporting import FORMATS, export_records, gather
+from hdbench.records.trace import unit_of_column
 from hdbench_cli.options import declared
 
 ARM = load_profile("cim-tr-97-06").data.arm
@@ -97,11 +98,6 @@ def test_a_library_that_is_missing_is_named_with_its_extra(trace_file, tmp_path,
     with pytest.raises(UsageError) as found:
         export_records(gather(trace_file, ARM), tmp_path, "hdf5")
     assert "hdbench[hdf5]" in found.value.fix
-
-
-def test_an_unknown_form_is_refused(trace_file, tmp_path):
-    with pytest.raises(UsageError, match="xlsx"):
-        export_records(gather(trace_file, ARM), tmp_path, "xlsx")
 
 
 @pytest.mark.parametrize(

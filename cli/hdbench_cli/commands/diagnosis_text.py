@@ -13,6 +13,7 @@ import numpy as np
 from hdbench.records import FloatArray
 from hdbench.report.diagnosis.folder import read_columns
 from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
+from hdbench.report.numbers import name_words
 from hdbench.results.diagnosis import (
     DiagnosedPart,
     DiagnosisResult,
@@ -55,8 +56,6 @@ _LABEL = 11
 _SHOWN_NAMES, _NAMES_ROOM = 2, 210
 # room for the arrow and the words beside a sketch: the longest axis with its ends
 _SKETCH_WORDS = 46
-# units that a parameter's name ends in: they stand behind the number
-_UNITS = ("_nm_per_s", "_nm_s_per_rad", "_nm", "_rad_s", "_rad", "_hz", "_s", "_kg_m2")
 # table and columns of the picture that shows a domain plainest
 _SKETCHES = {
     "motor-order": ("order_spectrum.csv", "motor_order", "motor order"),
@@ -184,11 +183,10 @@ def _size(value: float, std: float | None, unit: str) -> str:
 
 def _parameter(name: str, found: ParameterValue) -> str:
     unit = "" if found.unit == "1" else found.unit
-    plain = next((name.removesuffix(end) for end in _UNITS if name.endswith(end)), name)
     number = f"{found.value:.5g} {unit}"
     if found.std is not None:
         number = _size(found.value, found.std, unit)
-    return f"{plain.replace('_', ' ')} {number}".rstrip()
+    return f"{name_words(name)} {number}".rstrip()
 
 
 def _cause(cause: NamedCause) -> Lines:
