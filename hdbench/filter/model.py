@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from hdbench.errors import DataError
+from hdbench.results import Part
 
 SCHEMA = "hdbench/filter-model/1"
 MAX_BLOCKS = 16
@@ -24,25 +23,14 @@ SlowKind = Literal[
     "resonance",
 ]
 _WALKS = ("random-walk", "integrated-random-walk")
-_LIMITS = ("order_prior_std_nm", "slow_prior_std_nm", "gate_sigma", "torque_limit_nm")
-_STRICT = ConfigDict(extra="forbid", strict=True)
 # files leave out what is not set
 _ABSENT = Field(exclude_if=lambda value: not value)
-_Set = Annotated[float, _ABSENT]
+_Set = Annotated[NonNegativeFloat, _ABSENT]
+_Limit = Annotated[PositiveFloat | None, _ABSENT]
+_FIX = "correct the filter-model file or write it again"
 
 
-def _positive(name: str, value: float) -> None:
-    if not 0.0 < value < math.inf:
-        raise ValueError(f"{name} is {value!r}; needed: a finite number above 0")
-
-
-def _one_of(name: str, value: str, choices: Any) -> None:
-    if value not in get_args(choices):
-        raise ValueError(f"{name} is {value!r}; needed: {', '.join(get_args(choices))}")
-
-
-@dataclass(frozen=True, slots=True)
-class OscillatorBlock:
+class OscillatorBlock(Part, kw_only=False, closed=True, strict=True):
     """One oscillator: a torque component locked to motor or clock, and its quadrature.
 
     Parameters
@@ -65,31 +53,21 @@ class OscillatorBlock:
         If a number is out of its domain, or a role or unit is unknown.
     """
 
-    order: float
+    order: NonNegativeFloat
     role: Role
-    process_noise: float
+    process_noise: PositiveFloat
     noise_per: Annotated[NoisePer, Field(exclude_if=lambda unit: unit == "sample")] = "sample"
     frequency_hz: _Set = 0.0
 
-    __pydantic_config__ = _STRICT
-
     def __post_init__(self) -> None:
-        if self.frequency_hz == 0.0:
-            _positive("order", self.order)
-        else:
-            _positive("frequency_hz", self.frequency_hz)
-            if self.order != 0.0:
-                raise ValueError(
-                    f"order is {self.order!r} beside frequency_hz {self.frequency_hz!r}; "
-                    "needed: one of them above 0, the other 0"
-                )
-        _positive("process_noise", self.process_noise)
-        _one_of("role", self.role, Role)
-        _one_of("noise_per", self.noise_per, NoisePer)
+        if (self.order > 0.0) == (self.frequency_hz > 0.0):
+            raise ValueError(
+                f"order is {self.order!r} beside frequency_hz {self.frequency_hz!r}; "
+                "needed: one of them above 0, the other 0"
+            )
 
 
-@dataclass(frozen=True, slots=True)
-class SlowBlock:
+class SlowBlock(Part, kw_only=False, closed=True, strict=True):
     r"""Torque that the filter estimates and keeps: a torque unknown to the expected torque.
 
     Parameters
@@ -126,16 +104,12 @@ class SlowBlock:
     time_constant_s: _Set = 0.0
     frequency_hz: _Set = 0.0
 
-    __pydantic_config__ = _STRICT
-
     def __post_init__(self) -> None:
-        _one_of("kind", self.kind, SlowKind)
         for name in ("noise_per_s", "variance", "time_constant_s", "frequency_hz"):
             value = getattr(self, name)
-            if name in self.parameters:
-                _positive(name, value)
-            elif value != 0.0:
-                raise ValueError(f"{name} is {value!r}; a {self.kind} has no such number")
+            if (value > 0.0) != (name in self.parameters):
+                needed = "above 0" if value == 0.0 else "0, as its kind has no such number"
+                raise ValueError(f"{name} of a {self.kind} is {value!r}; needed: {needed}")
         # 1e-9: rounding of a number written and read again
         if self.kind == "resonance" and not (
             2.0 * math.pi * self.frequency_hz * self.time_constant_s > 1.0 - 1e-9
@@ -161,8 +135,7 @@ class SlowBlock:
         return 1 if self.kind in ("random-walk", "ornstein-uhlenbeck") else 2
 
 
-@dataclass(frozen=True, slots=True)
-class FilterModel:
+class FilterModel(Part, kw_only=False, closed=True, strict=True):
     """Oscillator blocks with their noise, and the expected torque they are held against.
 
     Parameters
@@ -211,22 +184,20 @@ class FilterModel:
 
     name: str
     blocks: tuple[OscillatorBlock, ...]
-    measurement_noise: float
-    load_inertia_kg_m2: float
-    gear_ratio: float
-    differentiator_time_constant_s: float
+    measurement_noise: PositiveFloat
+    load_inertia_kg_m2: NonNegativeFloat
+    gear_ratio: PositiveFloat
+    differentiator_time_constant_s: PositiveFloat
     use_measured_angle: bool
     torque_gain_nm_per_v: float | None = None
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, str] = Field(default_factory=dict)
     slow: Annotated[tuple[SlowBlock, ...], _ABSENT] = ()
-    order_prior_std_nm: Annotated[float | None, _ABSENT] = None
-    slow_prior_std_nm: Annotated[float | None, _ABSENT] = None
-    gate_sigma: Annotated[float | None, _ABSENT] = None
-    torque_limit_nm: Annotated[float | None, _ABSENT] = None
-    stuck_samples: Annotated[int | None, _ABSENT] = None
+    order_prior_std_nm: _Limit = None
+    slow_prior_std_nm: _Limit = None
+    gate_sigma: _Limit = None
+    torque_limit_nm: _Limit = None
+    stuck_samples: Annotated[int | None, Field(ge=2), _ABSENT] = None
     tuning: Annotated[Mapping[str, Any] | None, _ABSENT] = None
-
-    __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
         n_blocks = len(self.blocks) + len(self.slow)
@@ -237,18 +208,8 @@ class FilterModel:
             if places.count((order, hz)) > 1:
                 place = f"order {order!r}" if order else f"frequency_hz {hz!r}"
                 raise ValueError(f"two blocks have {place}; they cannot be told apart")
-        for name in ("measurement_noise", "gear_ratio", "differentiator_time_constant_s"):
-            _positive(name, getattr(self, name))
-        if not 0.0 <= self.load_inertia_kg_m2 < math.inf:
-            raise ValueError(f"load_inertia_kg_m2 is {self.load_inertia_kg_m2!r}; needed: >= 0")
-        gain = self.torque_gain_nm_per_v
-        if gain is not None and not 0.0 < abs(gain) < math.inf:
-            raise ValueError(f"torque_gain_nm_per_v is {gain!r}; needed: finite and not 0")
-        for name in _LIMITS:
-            if getattr(self, name) is not None:
-                _positive(name, getattr(self, name))
-        if self.stuck_samples is not None and not self.stuck_samples >= 2:
-            raise ValueError(f"stuck_samples is {self.stuck_samples!r}; needed: at least 2")
+        if self.torque_gain_nm_per_v == 0.0:
+            raise ValueError("torque_gain_nm_per_v is 0; needed: a finite number, not 0")
         if self.slow and self.order_prior_std_nm is None:
             raise ValueError("slow torque needs order_prior_std_nm: the listing's start has none")
         if self.slow_prior_std_nm is None and not all(block.stationary for block in self.slow):
@@ -263,7 +224,7 @@ class FilterModel:
             Every field under its own name, blocks as objects. Fields that a report's preset does
             not have are left out where they are not set.
         """
-        return {"schema": SCHEMA, **TypeAdapter(FilterModel).dump_python(self, mode="json")}
+        return {"schema": SCHEMA, **self.to_json()}
 
     @classmethod
     def from_dict(cls, body: Mapping[str, Any], *, source: str = "<memory>") -> FilterModel:
@@ -288,29 +249,6 @@ class FilterModel:
         """
         if body.get("schema") != SCHEMA:
             found = f"schema is {body.get('schema')!r}; needed: {SCHEMA}"
-            raise _bad_file(found, f"{source}:schema")
-        text = json.dumps({key: value for key, value in body.items() if key != "schema"})
-        try:
-            return TypeAdapter(cls).validate_json(text)
-        except ValidationError as error:
-            place, what = first_problem(error)
-            raise _bad_file(what, f"{source}:{place}" if place else source) from error
-
-
-def first_problem(error: ValidationError) -> tuple[str, str]:
-    """Return the place of the first wrong key, and what was found and is needed."""
-    first = error.errors(include_url=False)[0]
-    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in first["loc"])[1:]
-    if first["type"] == "missing":
-        return place, f"key {place!r} is missing"
-    if first["type"] == "unexpected_keyword_argument":
-        known = ", ".join(sorted(item.name for item in fields(FilterModel)))
-        return place, f"unknown key {place!r}" + ("" if "." in place else f"; known: {known}")
-    if first["type"] == "value_error":
-        return place, str(first["msg"]).removeprefix("Value error, ")
-    needed = str(first["msg"]).partition(" be ")[2] or str(first["msg"])
-    return place, f"{place} is {repr(first['input'])[:60]}; needed: {needed}"
-
-
-def _bad_file(what: str, where: str) -> DataError:
-    return DataError(what, where=where, fix="correct the filter-model file or write it again")
+            raise DataError(found, where=f"{source}:schema", fix=_FIX)
+        rest = {key: value for key, value in body.items() if key != "schema"}
+        return cls.from_json(rest, source, _FIX)

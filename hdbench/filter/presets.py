@@ -8,14 +8,16 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError
 
 from hdbench.errors import DataError
-from hdbench.filter.model import SCHEMA, FilterModel, OscillatorBlock, first_problem
+from hdbench.filter.model import SCHEMA, FilterModel, OscillatorBlock
 from hdbench.profile.schema import ProfileData
 from hdbench.records.jsonfile import read_json
+from hdbench.results import Part
+from hdbench.results.parts import first_fault
 
 _PREFIX = "results-on-"
 
@@ -29,48 +31,33 @@ _Number = Annotated[float, BeforeValidator(_value_of)]
 _Positive = Annotated[_Number, Field(gt=0.0)]
 
 
-class _Stored(BaseModel):
-    """The keys of a stored result or model that a filter takes; others are left alone."""
-
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
-
-
-class _Noise(_Stored):
+class _Noise(Part, strict=True):
     measurement_noise: _Positive | None = None
     process_noise: _Positive | None = None
 
 
-class _Order(_Stored):
+class _Order(Part, strict=True):
     order: _Positive
 
 
-class _Ripple(_Stored):
+class _Ripple(Part, strict=True):
     ripple: Annotated[list[_Order], Field(min_length=1)]
     filter: _Noise = _Noise()
 
 
-class _Block(_Order, _Noise):
+class _Block(_Order, _Noise, strict=True):
     """The block that a misalignment adds."""
 
 
-class _Misalignment(_Stored):
+class _Misalignment(Part, strict=True):
     filter: _Block
 
 
-class _Calibration(_Stored):
+class _Calibration(Part, strict=True):
     gain_nm_per_v: _Number
 
 
-_Kind = TypeVar("_Kind", bound=_Stored)
-
-
-def _read(kind: type[_Kind], result: Mapping[str, Any], what: str) -> _Kind:
-    """Return what a filter takes of a result."""
-    try:
-        return kind.model_validate(result)
-    except ValidationError as error:
-        place, found = first_problem(error)
-        raise _bad(found, f"{what} result:{place}") from error
+_FEED = "evaluate that run again and feed its result.json"
 
 
 def build_filter_model(
@@ -120,16 +107,16 @@ def build_filter_model(
     provenance = dict(base.provenance)
     r, gain = base.measurement_noise, base.torque_gain_nm_per_v
     if misalignment is not None:
-        block = _read(_Misalignment, misalignment, "misalignment").filter
+        block = _Misalignment.from_json(misalignment, "misalignment result", _FEED).filter
         added = _with_misalignment(blocks, block, r)
         blocks = _own_noise(blocks, added) if tuned else added
         provenance["misalignment block"] = _origin(misalignment, "misalignment")
     if ripple is not None:
-        added, new_r = _with_ripple(blocks, _read(_Ripple, ripple, "ripple"), r)
+        added, new_r = _with_ripple(blocks, _Ripple.from_json(ripple, "ripple result", _FEED), r)
         blocks, r = (_own_noise(blocks, added), r) if tuned else (added, new_r)
         provenance["ripple blocks, measurement_noise"] = _origin(ripple, "ripple")
     if calibration is not None:
-        gain = _read(_Calibration, calibration, "calibration").gain_nm_per_v
+        gain = _Calibration.from_json(calibration, "calibration result", _FEED).gain_nm_per_v
         provenance["torque_gain_nm_per_v"] = _origin(calibration, "calibration")
     try:
         return replace(
@@ -141,12 +128,8 @@ def build_filter_model(
             provenance=provenance,
             torque_gain_nm_per_v=gain,
         )
-    except ValueError as error:
-        raise _bad(str(error), "stored results") from error
-
-
-def _bad(what: str, where: str) -> DataError:
-    return DataError(what, where=where, fix="evaluate that run again and feed its result.json")
+    except ValidationError as error:
+        raise DataError(first_fault(error)[1], where="stored results", fix=_FEED) from error
 
 
 def _origin(result: Mapping[str, Any], kind: str) -> str:
@@ -321,46 +304,37 @@ def _unknown(name: str) -> DataError:
 _Place = Annotated[float, BeforeValidator(_value_of), Field(gt=0.0, lt=1e6)]
 
 
-class _Parameters(_Stored):
+class _Parameters(Part, strict=True):
     order: _Place | None = None
     frequency_hz: _Place | None = None
 
 
-class _Cause(_Stored):
+class _Cause(Part, strict=True):
     name: str
     parameters: _Parameters = _Parameters()
 
-    @model_validator(mode="after")
-    def _has_frequency(self) -> _Cause:
+    def __post_init__(self) -> None:
         if self.name == "mains-hum" and self.parameters.frequency_hz is None:
             raise ValueError("key 'parameters.frequency_hz' is missing; needed: a number in Hz")
-        return self
 
 
-class _Component(_Stored):
+class _Component(Part, strict=True):
     order: _Place
 
 
-class _Baseline(_Stored):
+class _Baseline(Part, strict=True):
     ripple: list[_Component] = Field(default_factory=list)
 
 
-class _BenchModel(_Stored):
+class _BenchModel(Part, strict=True):
     baseline: _Baseline = _Baseline()
     causes: list[_Cause] = Field(default_factory=list)
 
 
 def _from_bench_model(body: dict[str, Any], path: Path, profile: ProfileData) -> FilterModel:
     base, noise = preset("report-6", profile), profile.filter.ripple_process_noise
-    try:
-        stored = _BenchModel.model_validate(body)
-    except ValidationError as error:
-        place, what = first_problem(error)
-        raise DataError(
-            what,
-            where=f"{path}: key {place}",
-            fix="give the model file that `hdbench diagnose` wrote",
-        ) from error
+    fix = "give the model file that `hdbench diagnose` wrote"
+    stored = _BenchModel.from_json(body, str(path), fix)
     provenance = dict(base.provenance)
     blocks = [block for block in base.blocks if block.role == "misalignment"]
     # orders of the model's own ripple; those of the preset where the file names none
@@ -389,9 +363,9 @@ def _from_bench_model(body: dict[str, Any], path: Path, profile: ProfileData) ->
             use_measured_angle=True,
             provenance=provenance,
         )
-    except ValueError as error:
+    except ValidationError as error:
         raise DataError(
-            str(error), where=f"{path}:causes", fix="keep fewer causes in the model file"
+            first_fault(error)[1], where=f"{path}:causes", fix="keep fewer causes in the model file"
         ) from error
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.errors import UsageError
 from hdbench.gauges.layout import GridGeometry, Layout
 from hdbench.profile.schema import Sensor
 from hdbench.records.trace import FloatArray
@@ -38,24 +37,6 @@ class StrainField:
     assembly_strain: float = 0.0
     # exponent with which wave and assembly strain grow with the radius, at least 0
     radial_growth: float = 1.0
-
-    def __post_init__(self) -> None:
-        sizes = [abs(wave.pair_strain) for wave in self.waves] + [abs(self.assembly_strain)]
-        # 1 %: ten times the range in which a foil gauge is linear, and past yield of any flexspline
-        if not all(size < 0.01 for size in sizes):
-            raise UsageError(
-                f"a strain of {max(sizes):g}; needed: below 0.01 (10000 microstrain)",
-                where="wave or assembly strain",
-                fix="give it as a number such as 200e-6",
-            )
-        shares = (self.normal_share, self.radial_growth)
-        if not (0.0 < self.torsion_per_nm < math.inf and all(0.0 <= x < math.inf for x in shares)):
-            raise UsageError(
-                f"torsion {self.torsion_per_nm!r} per N m, normal share {self.normal_share!r}, "
-                f"radial growth {self.radial_growth!r}; needed: above 0, and at least 0",
-                where="strain field",
-                fix="correct the number that is out of its domain",
-            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -150,13 +150,9 @@ def _check(recipe: Recipe, files: Sequence[Path], out: Path) -> None:
                 where="--map, --set",
                 fix="count the files from 1 in the order of the command",
             )
-    rate, timed = recipe.rate_hz, any(entry.target == "time_s" for entry in entries)
-    if rate is not None and (timed or not 0.0 < rate < math.inf):
-        raise UsageError(
-            f"a rate of {rate} Hz beside a time column" if timed else "no positive rate",
-            where="--rate",
-            fix="give --time or a positive --rate",
-        )
+    if recipe.rate_hz is not None and any(entry.target == "time_s" for entry in entries):
+        what = f"a rate of {recipe.rate_hz} Hz beside a time column"
+        raise UsageError(what, where="--rate", fix="give one of --time and --rate")
     if any(out.resolve() == Path(file).resolve() for file in files):
         raise UsageError(f"{out} is one of the inputs", where="--out", fix="name a new file")
 

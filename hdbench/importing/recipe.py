@@ -7,11 +7,11 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.layout import ForeignFormat
@@ -20,19 +20,12 @@ from hdbench.records.csvtext import read_text
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
 from hdbench.records.tracefile import TRACE_COLUMNS
+from hdbench.results import Part
 
 _COLUMNS = {"trace": TRACE_COLUMNS, "loads": (*LOADS_COLUMNS, *LOADS_OPTIONAL)}
 _DELIMITERS = {"auto": None, "comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
-_Texts = Annotated[
-    Mapping[str, str], Field(description='a table of texts, such as [map] torque_nm = "Torque"')
-]
-_Text = Annotated[str | None, Field(description="a text in quotes")]
-_Flag = Annotated[bool, Field(strict=True, description="true or false")]
-_Rate = Annotated[
-    float | None, Field(strict=True, gt=0.0, lt=1e300, description="a number, more than 0")
-]
-
-
+_Flag = Annotated[bool, Field(strict=True)]
+_Rate = Annotated[float | None, Field(strict=True, gt=0.0, lt=1e300)]
 _EXAMPLES = {"--map": "torque_nm=Torque*0.001", "--set": "2:series=down"}
 _TARGET = re.compile(r"(?:(?P<file>[1-9]\d{0,3}):)?(?P<target>[a-z][a-z0-9_]*)=(?P<rest>.+)")
 
@@ -69,35 +62,25 @@ def parse_entry(option: str, text: str, known: Sequence[str]) -> Entry:
     return Entry(target, match["rest"], int(match["file"]) if match["file"] else None)
 
 
-@dataclass(frozen=True, slots=True)
-class Recipe:
+class Recipe(Part, kw_only=False, closed=True):
     """How a log is imported: the options of ``hdbench import``, by name.
 
     The types are those of a TOML file; each says what it needs.
     """
 
-    __pydantic_config__ = ConfigDict(extra="forbid")
-
-    kind: Annotated[Literal["trace", "loads"], Field(description="trace or loads")] = "trace"
-    map: _Texts = field(default_factory=dict)
-    set: _Texts = field(default_factory=dict)
-    topic: _Text = None
-    joint: _Text = None
-    side: Annotated[Literal["motor", "output"], Field(description="motor or output")] = "motor"
+    kind: Literal["trace", "loads"] = "trace"
+    map: Mapping[str, str] = Field(default_factory=dict)
+    set: Mapping[str, str] = Field(default_factory=dict)
+    topic: str | None = None
+    joint: str | None = None
+    side: Literal["motor", "output"] = "motor"
     rate_hz: _Rate = None
-    torque_constant_nm_per_a: Annotated[
-        float | None, Field(strict=True, gt=-1e300, lt=1e300, description="a number")
-    ] = None
+    torque_constant_nm_per_a: Annotated[float | None, Field(strict=True)] = None
     velocity_from_angle_hz: _Rate = None
     keep_time: _Flag = False
-    delimiter: Annotated[
-        Literal["auto", "comma", "semicolon", "tab", "blank"],
-        Field(description=" or ".join(_DELIMITERS)),
-    ] = "auto"
-    from_logger: Annotated[
-        Literal["auto", "labjack", "dataq"] | None, Field(description="auto or labjack or dataq")
-    ] = None
-    skip: Annotated[int, Field(strict=True, ge=0, description="a whole number")] = 0
+    delimiter: Literal["auto", "comma", "semicolon", "tab", "blank"] = "auto"
+    from_logger: Literal["auto", "labjack", "dataq"] | None = None
+    skip: Annotated[int, Field(strict=True, ge=0)] = 0
     no_header: _Flag = False
 
     def changed(self) -> dict[str, Any]:
@@ -155,19 +138,7 @@ def read_recipe(path: Path) -> Recipe:
         raise DataError(
             f"not valid TOML: {error}", where=str(path), fix="correct it, or make it again by --map"
         ) from error
-    try:
-        return TypeAdapter(Recipe).validate_python(body)
-    except ValidationError as error:
-        key = str(error.errors()[0]["loc"][0])
-    known = get_type_hints(Recipe, include_extras=True)
-    if key in known:
-        needed = known[key].__metadata__[0].description
-        what, fix = f"is {body[key]!r:.40}; needed: {needed}", "correct it"
-    else:
-        near = difflib.get_close_matches(key, known, n=1)
-        what = "is not known"
-        fix = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
-    raise DataError(f"key {key!r:.60} {what}", where=f"{path}: {key:.60}", fix=fix)
+    return Recipe.from_json(body, str(path), "correct it")
 
 
 def write_recipe(path: Path, recipe: Recipe) -> None:

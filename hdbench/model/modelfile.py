@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, NonNegativeFloat, ValidationError
+from pydantic import Field, NonNegativeFloat
 
 from hdbench.errors import DataError
 from hdbench.model.bench import BenchModel
@@ -21,28 +20,24 @@ from hdbench.model.cause import (
 from hdbench.model.causefile import declared_cause
 from hdbench.model.definition import Cause, CauseTerm, quadratures
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
+from hdbench.results import Part
 
 MODEL_SCHEMA = "hdbench/model/1"
+_FIX = "correct the key, or write the model again with `hdbench diagnose`"
 # amplitude and phase are written beside cosine and sine with 17 digits: only rounding may differ
 _AGREE = 1e-9
 
 
-class _Stored(BaseModel):
-    """Keys of a model file; further ones are left alone."""
-
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
-
-
-class _Wave(_Stored):
+class _Wave(Part, strict=True):
     amplitude_nm: NonNegativeFloat
     phase_rad: float
 
 
-class _Ripple(_Wave):
+class _Ripple(_Wave, strict=True):
     order: NonNegativeFloat
 
 
-class _Baseline(_Stored):
+class _Baseline(Part, strict=True):
     zero_nm: float
     inertia_nm_s2: NonNegativeFloat
     ripple: tuple[_Ripple, ...]
@@ -50,32 +45,21 @@ class _Baseline(_Stored):
     load: float = 1.0  # files written before a measured load was part of the baseline have none
 
 
-class _Number(_Stored):
+class _Number(Part, strict=True):
     value: float
 
 
-class _Entry(_Stored):
+class _Entry(Part, strict=True):
     name: str
     parameters: dict[str, _Number]
     covariance: tuple[tuple[float, ...], ...] | None = None
 
 
-class _File(_Stored):
+class _File(Part, strict=True):
     baseline: _Baseline
     causes: tuple[_Entry, ...]
     definitions: tuple[dict[str, Any], ...] = ()
-    provenance: dict[str, Any] = {}
-
-
-_NEEDED = {
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "greater_than_equal": "a number, at least 0",
-    "string_type": "a name",
-    "tuple_type": "a list",
-    "dict_type": "an object",
-    "model_type": "an object",
-}
+    provenance: dict[str, Any] = Field(default_factory=dict)
 
 
 def save_model(
@@ -181,10 +165,7 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
         type, a number is not finite or out of its domain, or a cause or parameter is unknown.
     """
     body, file = read_json(path, MODEL_SCHEMA), str(path)
-    try:
-        stored = _File.model_validate_json(json.dumps(body))
-    except ValidationError as error:
-        raise _bad_key(error, file) from None
+    stored = _File.from_json(body, file, _FIX)
     declared = [
         declared_cause(definition, where=f"{file}: key definitions.{i}")
         for i, definition in enumerate(stored.definitions)
@@ -201,22 +182,6 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
     for i, entry in enumerate(stored.causes):
         model = model.with_cause(_term(entry, f"{file}: key causes.{i}", model.extra_causes))
     return model
-
-
-def _bad_key(error: ValidationError, file: str) -> DataError:
-    """Return the error of the first key that is wrong."""
-    first = error.errors(include_url=False)[0]
-    key = ".".join(map(str, first["loc"]))
-    if first["type"] == "missing":
-        found, needed = "nothing", "this key"
-    else:
-        found = repr(first["input"])[:60]
-        needed = _NEEDED.get(first["type"], str(first["msg"]).partition("be ")[2])
-    return DataError(
-        f"found {found}; needed: {needed}",
-        where=f"{file}: key {key}",
-        fix="correct the key, or write the model again with `hdbench diagnose`",
-    )
 
 
 def _definitions(model: BenchModel) -> list[dict[str, Any]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Annotated, Any, Self, dataclass_transform
@@ -74,8 +76,10 @@ def _is_empty(value: object) -> bool:
 class Part:
     """Part of a result, with its JSON: every class made of it is a frozen dataclass."""
 
-    def __init_subclass__(cls, *, kw_only: bool = True, closed: bool = False) -> None:
-        config = ConfigDict(**_CONFIG, extra="forbid" if closed else "ignore")
+    def __init_subclass__(
+        cls, *, kw_only: bool = True, closed: bool = False, strict: bool = False
+    ) -> None:
+        config = ConfigDict(**_CONFIG, extra="forbid" if closed else "ignore", strict=strict)
         dataclass(frozen=True, kw_only=kw_only, config=config)(cls)
 
     def to_json(self) -> dict[str, Any]:
@@ -102,16 +106,31 @@ class Part:
             If a key that is needed is missing, or a value is of another type.
         """
         try:
+            if cls.__dict__["__pydantic_config__"]["strict"]:
+                # of JSON a list is strictly a tuple, too
+                return TypeAdapter(cls).validate_json(json.dumps(body))
             return TypeAdapter(cls).validate_python(body)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place, what = ".".join(str(step) for step in first["loc"]), first["msg"]
-            if first["type"] == "unexpected_keyword_argument":
-                known = sorted(field.name for field in fields(cls))  # type: ignore[arg-type]
-                what = f"unknown key; known: {', '.join(known)}"
-            elif first["type"] != "missing":
-                what = f"{what}, found {first['input']!r:.60}"
-            raise DataError(what, where=f"{where}: {place}", fix=fix) from error
+            place, what = first_fault(error, [field.name for field in fields(cls)])  # type: ignore[arg-type]
+            raise DataError(what, where=f"{where}: {place}" if place else where, fix=fix) from error
+
+
+def first_fault(error: ValidationError, known: Sequence[str] = ()) -> tuple[str, str]:
+    """Return the place of the first wrong key, and what was found and is needed."""
+    first = error.errors(include_url=False)[0]
+    place, said = ".".join(map(str, first["loc"])), first["msg"]
+    needed = said.removeprefix("Input should be ")
+    if first["type"] == "missing":
+        said = "found nothing; needed: this key"
+    elif first["type"] == "unexpected_keyword_argument":
+        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        said = f"unknown key; {hint}known: {', '.join(sorted(known))}"
+    elif first["type"] == "value_error":
+        said = said.removeprefix("Value error, ")
+    else:
+        said = f"found {first['input']!r:.60}; needed: {needed}"
+    return place, said
 
 
 class DataFlag(Part, kw_only=False):

@@ -80,7 +80,7 @@ def test_a_model_file_gives_the_same_model_back(bench, tmp_path, gain):
         ({"schema": "hdbench/ripple/1"}, "schema"),
         ({"surplus": 1}, "surplus"),
         ({"gear_ratio": None}, "gear_ratio"),
-        ({"measurement_noise": ...}, "'measurement_noise' is missing"),
+        ({"measurement_noise": ...}, "measurement_noise: found nothing"),
         ({"gear_ratio": "100"}, "gear_ratio"),
         ({"gear_ratio": True}, "gear_ratio"),
         ({"gear_ratio": -100.0}, "gear_ratio"),
@@ -89,7 +89,7 @@ def test_a_model_file_gives_the_same_model_back(bench, tmp_path, gain):
         ({"name": 5}, "name"),
         ({"blocks": {}}, "blocks"),
         ({"blocks": []}, "blocks"),
-        ({"blocks": [{"order": 2.0}]}, "blocks[0]"),
+        ({"blocks": [{"order": 2.0}]}, "blocks.0"),
         ({"blocks": [{"order": 0, "role": "ripple", "process_noise": 1}]}, "order"),
         ({"blocks": [{"order": 2, "role": "other", "process_noise": 1}]}, "role"),
         ({"blocks": [{"order": 2, "role": ["ripple"], "process_noise": 1}]}, "role"),
@@ -123,9 +123,9 @@ def test_a_broken_file_is_refused(bench, tmp_path, text):
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_numbers_out_of_their_domain_make_no_model(value):
     with pytest.raises(ValueError, match="order"):
-        OscillatorBlock(value, "ripple", 1.0)
+        OscillatorBlock(order=value, role="ripple", process_noise=1.0)
     with pytest.raises(ValueError, match="process_noise"):
-        OscillatorBlock(2.0, "ripple", value)
+        OscillatorBlock(order=2.0, role="ripple", process_noise=value)
     for field in ("measurement_noise", "gear_ratio", "differentiator_time_constant_s"):
         with pytest.raises(ValueError, match=field):
             model(**{field: value})

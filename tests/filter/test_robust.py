@@ -136,9 +136,9 @@ def test_a_slow_block_out_of_its_domain_is_refused(fields, what):
     ("change", "place"),
     [
         ({"slow": 3}, "slow"),
-        ({"slow": [3]}, "slow[0]"),
-        ({"slow": [{"kind": "white"}]}, "slow[0]"),
-        ({"slow": [{"kind": "random-walk", "surplus": 1}]}, "slow[0]"),
+        ({"slow": [3]}, "slow.0"),
+        ({"slow": [{"kind": "white"}]}, "slow.0"),
+        ({"slow": [{"kind": "random-walk", "surplus": 1}]}, "slow.0"),
         ({"slow": [{"kind": "random-walk", "noise_per_s": "1"}]}, "noise_per_s"),
         ({"stuck_samples": 2.5}, "stuck_samples"),
         ({"gate_sigma": "6"}, "gate_sigma"),

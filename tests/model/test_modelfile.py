@@ -120,19 +120,23 @@ def parameters_of(body: dict[str, Any]) -> dict[str, Any]:
 
 BROKEN: list[tuple[Callable[[dict[str, Any]], object], str, str]] = [
     (lambda b: b.update(schema="hdbench/ripple/1"), "hdbench/model/1", ""),
-    (lambda b: b.pop("baseline"), "found nothing; needed: this key", "key baseline"),
-    (lambda b: b.pop("causes"), "found nothing; needed: this key", "key causes"),
+    (lambda b: b.pop("baseline"), "found nothing; needed: this key", "baseline"),
+    (lambda b: b.pop("causes"), "found nothing; needed: this key", "causes"),
     (
         lambda b: b["baseline"].update(zero_nm="0"),
-        "found '0'; needed: a number",
+        "found '0'; needed: a valid number",
         "baseline.zero_nm",
     ),
     (lambda b: b["baseline"].update(zero_nm=True), "found True", "baseline.zero_nm"),
-    (lambda b: b["baseline"].update(inertia_nm_s2=-1), "at least 0", "baseline.inertia_nm_s2"),
+    (
+        lambda b: b["baseline"].update(inertia_nm_s2=-1),
+        "greater than or equal to 0",
+        "baseline.inertia_nm_s2",
+    ),
     (lambda b: b["baseline"]["ripple"][1].pop("order"), "found nothing", "baseline.ripple.1.order"),
     (lambda b: b["baseline"].update(ripple=[3]), "found 3; needed: an object", "ripple.0"),
     (lambda b: b["causes"][0].update(name="mains_hum"), "nearest is 'mains-hum'", "causes.0.name"),
-    (lambda b: b["causes"][0].update(name=5), "found 5; needed: a name", "causes.0.name"),
+    (lambda b: b["causes"][0].update(name=5), "found 5; needed: a valid string", "causes.0.name"),
     (lambda b: parameters_of(b).pop("frequency_hz"), "'frequency_hz' of mains-hum is missing", ""),
     (
         lambda b: parameters_of(b).update(frequency={"value": 1.0}),
@@ -144,10 +148,10 @@ BROKEN: list[tuple[Callable[[dict[str, Any]], object], str, str]] = [
     (lambda b: b["causes"][0].update(covariance=[[1.0, 2.0]]), "no square matrix", "covariance"),
     (
         lambda b: b["causes"][0].update(covariance=[[None] * 3] * 3),
-        "needed: a number",
+        "needed: a valid number",
         "covariance",
     ),
-    (lambda b: b["causes"][0].update(covariance="x"), "needed: a list", "covariance"),
+    (lambda b: b["causes"][0].update(covariance="x"), "needed: a valid array", "covariance"),
 ]
 
 

@@ -148,7 +148,7 @@ def test_a_key_of_the_contract_is_needed_inside_a_list(fresh):
         del older["before"]["peak_to_peak_nm"]
     else:
         del older[entries][0]["gain_nm_per_v" if kind == "calibration" else "order"]
-    with pytest.raises(DataError, match="required"):
+    with pytest.raises(DataError, match="needed: this key"):
         TYPES[kind].from_json(older, "result.json")
 
 
@@ -165,7 +165,7 @@ def test_a_damaged_result_is_named_by_file_and_key(fresh):
         TYPES[kind].from_json({**body, "n_samples": "soon"}, "runs/a/result.json")
     assert caught.value.where == "runs/a/result.json: n_samples"
     needed = json_schema(kind)["required"][0]
-    with pytest.raises(DataError, match="required") as caught:
+    with pytest.raises(DataError, match="needed: this key") as caught:
         TYPES[kind].from_json({k: v for k, v in body.items() if k != needed}, "result.json")
     assert caught.value.where == f"result.json: {needed}"
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from hdbench import __version__
 from hdbench.errors import DataError, UsageError
 from hdbench.filter import FilterModel, OscillatorBlock, kernel_name, kernel_reason
@@ -16,6 +18,7 @@ from hdbench.filter.tuning.result import TuningResult
 from hdbench.filter.tuning.run import TuningSettings, settings_of
 from hdbench.profile import Profile
 from hdbench.records import read_json, write_json
+from hdbench.results.parts import first_fault
 from hdbench.session.filters import choose_filter, tune_traces
 from hdbench_cli.inputs import Input, check_out, choose_profile, read_input
 from hdbench_cli.next_step import after_tune, next_line
@@ -47,9 +50,11 @@ def _with_orders(base: FilterModel, orders: tuple[float, ...]) -> FilterModel:
     )
     try:
         return replace(base, blocks=(*base.blocks, *added))
-    except ValueError as error:
+    except ValidationError as error:
         raise UsageError(
-            str(error), where="--order", fix="name each order once, and one the model lacks"
+            first_fault(error)[1],
+            where="--order",
+            fix="name each order once, and one the model lacks",
         ) from error
 
 
@@ -68,7 +73,6 @@ def _check_target(out: Path, inputs: list[Input]) -> None:
 
 
 def _is_model(file: Path) -> bool:
-
     try:
         return bool(read_json(file).get("schema") == SCHEMA)
     except DataError:
@@ -98,7 +102,8 @@ def tune_command(
     try:
         settings = replace(settings_of(profile.data, slow=slow), gate_sigma=gate_sigma or None)
     except ValueError as error:
-        raise UsageError(str(error), where="--gate", fix="give 0, or 4 and more") from error
+        what = f"a gate of {gate_sigma:g} cuts into the noise"
+        raise UsageError(what, where="--gate", fix="give 0, or 4 and more") from error
     if kernel_name() != "c":
         output.note(f"tuning without the compiled kernel takes hours: {kernel_reason()}")
     found = tune_inputs(inputs, base, settings, profile)

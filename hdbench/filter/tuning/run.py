@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PositiveFloat
 
 from hdbench.estimation.stretches import true_runs
 from hdbench.filter.kalman import GATE_SAMPLES, GATED
@@ -38,13 +39,12 @@ from hdbench.filter.tuning.result import CandidateResult, TuningResult, check_in
 from hdbench.filter.tuning.search import estimate_all, maximise
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
+from hdbench.results import Part
 
 SlowChoice = Literal["auto", "none"] | SlowKind
-SLOW_CHOICES: tuple[str, ...] = ("auto", "none", *get_args(SlowKind))
 
 
-@dataclass(frozen=True, slots=True)
-class TuningSettings:
+class TuningSettings(Part, kw_only=False):
     """Settings of a tuning: priors, kind of slow torque, gate, limits.
 
     Parameters
@@ -70,27 +70,13 @@ class TuningSettings:
         If a number or choice is out of its domain.
     """
 
-    order_prior_std_nm: float
-    slow_prior_std_nm: float
+    order_prior_std_nm: PositiveFloat
+    slow_prior_std_nm: PositiveFloat
     slow: SlowChoice = "auto"
-    gate_sigma: float | None = 6.0
-    torque_limit_nm: float | None = None
-    max_evaluations: int = 1500
-
-    def __post_init__(self) -> None:
-        for name in ("order_prior_std_nm", "slow_prior_std_nm"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; needed: finite, above 0")
-        if self.slow not in SLOW_CHOICES:
-            raise ValueError(f"slow is {self.slow!r}; needed: {', '.join(SLOW_CHOICES)}")
-        # below 4 a gate cuts into Gaussian noise: one sample in 16 000
-        if self.gate_sigma is not None and not 4.0 <= self.gate_sigma < math.inf:
-            raise ValueError(f"gate_sigma is {self.gate_sigma!r}; needed: at least 4, or None")
-        limit = self.torque_limit_nm
-        if limit is not None and not 0.0 < limit < math.inf:
-            raise ValueError(f"torque_limit_nm is {limit!r}; needed: finite, above 0, or None")
-        if not self.max_evaluations >= 50:
-            raise ValueError(f"max_evaluations is {self.max_evaluations!r}; needed: at least 50")
+    # below 4 a gate cuts into Gaussian noise: one sample in 16 000
+    gate_sigma: Annotated[float, Field(ge=4.0)] | None = 6.0
+    torque_limit_nm: PositiveFloat | None = None
+    max_evaluations: Annotated[int, Field(ge=50)] = 1500
 
 
 # ripple and misalignment stay below a tenth of the rated torque on a bench worth filtering
