@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -68,10 +68,7 @@ def expanded_gain(value: float, found: ExpandedUncertainty | None) -> ExpandedGa
         return None
     return ExpandedGain(
         value=value,
-        std=found.std,
-        dof=found.dof,
-        coverage_factor=found.coverage_factor,
-        expanded=found.expanded,
+        **asdict(found),
         expanded_relative=found.expanded / abs(value) if value else None,
     )
 

@@ -30,28 +30,28 @@ _CUBIC = 3
 
 @dataclass(frozen=True, slots=True)
 class StepQuantities:
-    """Quantities of EURAMET cg-14 for one group; volts, per step. None where not defined."""
+    """Quantities of EURAMET cg-14 for one group; volts, per step. NaN where not defined."""
 
     # shape (m,): Y: mean deflection over the positions, increasing torque
     mean_v: FloatArray
     # Y^h: mean of increasing and decreasing torque
-    mean_both_v: FloatArray | None
+    mean_both_v: FloatArray
     # b': difference between series in one mounting
-    repeatability_v: FloatArray | None
+    repeatability_v: FloatArray
     # b: standard deviation over the positions
-    reproducibility_v: FloatArray | None
+    reproducibility_v: FloatArray
     # largest less smallest over the positions, as BS 7882 and ISO 376 define it
-    range_v: FloatArray | None
+    range_v: FloatArray
     # h: mean absolute difference of decreasing and increasing torque
-    reversibility_v: FloatArray | None
+    reversibility_v: FloatArray
     # f0: largest change of the zero over a series
-    zero_v: float | None
+    zero_v: float
     # slope of the line through zero on Y, V/(N m)
     linear: float
     # the same on Y^h
-    linear_both: float | None
+    linear_both: float
     # shape (3,): Coefficients a, b, c of a T + b T^2 + c T^3 on Y
-    cubic: FloatArray | None
+    cubic: FloatArray
     # positions behind Y; series behind h
     n_positions: int
     n_both: int
@@ -87,20 +87,17 @@ def step_quantities(group: StepGroup) -> StepQuantities:
     reversed_v = _present([np.abs(s.up_v - s.down_v) for s in group.series])
     n_at = up.count(axis=0)
     mean = _filled(up.mean(axis=0))
-    mean_both = _filled(both.mean(axis=0)) if both.count(axis=0).all() else None
-    several = n_at > 1
+    mean_both = np.where(both.count(axis=0).all(), _filled(both.mean(axis=0)), np.nan)
     return StepQuantities(
         mean_v=mean,
         mean_both_v=mean_both,
         repeatability_v=_repeatability(group),
-        reproducibility_v=_filled(up.std(axis=0, ddof=1)) if several.any() else None,
-        range_v=np.where(several, _filled(up.max(axis=0) - up.min(axis=0)), np.nan)
-        if several.any()
-        else None,
-        reversibility_v=_filled(reversed_v.mean(axis=0)) if reversed_v.count() else None,
+        reproducibility_v=_filled(up.std(axis=0, ddof=1)),
+        range_v=np.where(n_at > 1, _filled(up.max(axis=0) - up.min(axis=0)), np.nan),
+        reversibility_v=_filled(reversed_v.mean(axis=0)),
         zero_v=_zero(group),
         linear=_through_zero(group.torque_nm, mean),
-        linear_both=None if mean_both is None else _through_zero(group.torque_nm, mean_both),
+        linear_both=_through_zero(group.torque_nm, mean_both),
         cubic=_cubic(group.torque_nm, mean),
         n_positions=len(first),
         n_both=int((reversed_v.count(axis=1) > 0).sum()),
@@ -117,7 +114,7 @@ def _filled(values: np.ma.MaskedArray[Any, np.dtype[np.float64]]) -> FloatArray:
     return np.asarray(np.ma.filled(values, np.nan), dtype=float)
 
 
-def _repeatability(group: StepGroup) -> FloatArray | None:
+def _repeatability(group: StepGroup) -> FloatArray:
     """Return the widest difference of series in one mounting that reached every step."""
     mounted: dict[tuple[int, int | None], list[LoadSeries]] = {}
     for series in group.series:
@@ -128,16 +125,17 @@ def _repeatability(group: StepGroup) -> FloatArray | None:
         if len({s.repeat for s in members}) > 1
     ]
     whole = [span for span in spans if np.isfinite(span).all()]
-    return np.asarray(np.max(np.vstack(whole), axis=0)) if whole else None
+    nothing = np.full(len(group.torque_nm), np.nan)
+    return np.asarray(np.max(np.vstack(whole), axis=0)) if whole else nothing
 
 
-def _zero(group: StepGroup) -> float | None:
+def _zero(group: StepGroup) -> float:
     changes = [
         abs(s.zero_after_v - s.zero_before_v)
         for s in group.series
         if s.zero_after_v is not None and s.zero_before_v is not None
     ]
-    return max(changes) if changes else None
+    return max(changes, default=math.nan)
 
 
 def _through_zero(torque: FloatArray, deflection: FloatArray) -> float:
@@ -146,10 +144,10 @@ def _through_zero(torque: FloatArray, deflection: FloatArray) -> float:
     return float(t @ x) / float(t @ t) if len(t) else float("nan")
 
 
-def _cubic(torque: FloatArray, deflection: FloatArray) -> FloatArray | None:
+def _cubic(torque: FloatArray, deflection: FloatArray) -> FloatArray:
     known = np.isfinite(deflection)
     if int(known.sum()) <= _CUBIC:
-        return None
+        return np.full(_CUBIC, np.nan)
     # powers of the share of the largest torque: the columns are then of one size
     top = float(torque.max())
     share = torque[known] / top
@@ -176,14 +174,10 @@ def case_one(
     ``w^2 = w_KE^2 + (r/Y)^2/6 + (b'/Y)^2/12 + (b/Y)^2/n + (f0/Y_E)^2/12 + (fa/Y)^2/24``, all
     full spans; b with n - 1 degrees of freedom.
     """
-    own = {}
-    if found.cubic is not None:
-        powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
-        own["fit"] = _over(found.mean_v - powers @ found.cubic, found.mean_v) / _TRIANGULAR
-    added = np.zeros(len(torque_nm))
-    return _uncertainties(
-        found, found.mean_v, (torque_nm, relative_torque), resolution_v, own, added
-    )
+    powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
+    parts = _common(found, found.mean_v, relative_torque, resolution_v)
+    parts["fit"] = _over(found.mean_v - powers @ found.cubic, found.mean_v) / _TRIANGULAR
+    return _uncertainties(parts, found, found.mean_v, torque_nm, np.zeros(len(torque_nm)))
 
 
 def case_two(
@@ -191,7 +185,7 @@ def case_two(
     torque_nm: FloatArray,
     relative_torque: FloatArray,
     resolution_v: float | None,
-) -> list[StepUncertainty | None] | None:
+) -> list[StepUncertainty | None]:
     """Return the uncertainty for increasing and decreasing torque and a line through zero.
 
     Notes
@@ -199,56 +193,55 @@ def case_two(
     As `case_one` relative to Y^h, with ``(h/Y^h)^2/12`` for the fit; the deviation from the line
     is known and systematic and is added to the expanded uncertainty: ``W' = k w + |fa|/Y^h``.
     """
-    both, slope = found.mean_both_v, found.linear_both
-    if both is None or slope is None:
-        return None
-    own = {}
-    if found.reversibility_v is not None:
-        own["reversibility"] = _over(found.reversibility_v, both) / _RECTANGULAR
-    added = _over(both - slope * torque_nm, both)
-    return _uncertainties(found, both, (torque_nm, relative_torque), resolution_v, own, added)
+    both = found.mean_both_v
+    parts = _common(found, both, relative_torque, resolution_v)
+    parts["reversibility"] = _over(found.reversibility_v, both) / _RECTANGULAR
+    added = _over(both - found.linear_both * torque_nm, both)
+    return _uncertainties(parts, found, both, torque_nm, added)
 
 
-def _over(values: FloatArray, deflection_v: FloatArray) -> FloatArray:
+def _over(values: FloatArray | float, deflection_v: FloatArray) -> FloatArray:
     """Return sizes relative to a deflection, NaN where that is 0."""
     return np.abs(values / np.where(deflection_v == 0.0, np.nan, deflection_v))
 
 
-def _uncertainties(
+def _common(
     found: StepQuantities,
     deflection_v: FloatArray,
-    torque: tuple[FloatArray, FloatArray],
+    relative_torque: FloatArray,
     resolution_v: float | None,
-    own: dict[str, FloatArray],
+) -> dict[str, FloatArray]:
+    """Return the standard uncertainties, relative to a deflection, that both cases have."""
+    resolution = math.nan if resolution_v is None else resolution_v
+    full = np.full(len(deflection_v), found.full_v)
+    return {
+        "torque": relative_torque,
+        "resolution": _over(resolution, deflection_v) / _RESOLUTION,
+        "repeatability": _over(found.repeatability_v, deflection_v) / _RECTANGULAR,
+        "reproducibility": _over(found.reproducibility_v, deflection_v) / np.sqrt(found.n_at),
+        "zero": _over(found.zero_v, full) / _RECTANGULAR,
+    }
+
+
+def _uncertainties(
+    parts: dict[str, FloatArray],
+    found: StepQuantities,
+    deflection_v: FloatArray,
+    torque_nm: FloatArray,
     added: FloatArray,
 ) -> list[StepUncertainty | None]:
-    """Return the uncertainty of each step; `torque` in N m, and its relative uncertainty."""
-    torque_nm, relative_torque = torque
-    out: list[StepUncertainty | None] = []
-    for k, y in enumerate(deflection_v.tolist()):
-        if not (math.isfinite(y) and y != 0.0):
-            out.append(None)
-            continue
-        parts = _common(found, k, y, float(relative_torque[k]), resolution_v)
-        parts |= {name: float(sizes[k]) for name, sizes in own.items()}
-        out.append(_case(parts, int(found.n_at[k]), float(added[k]), float(torque_nm[k])))
-    return out
-
-
-def _common(
-    found: StepQuantities, k: int, y: float, torque: float, resolution_v: float | None
-) -> dict[str, float]:
-    parts = {"torque": torque}
-    if resolution_v is not None:
-        parts["resolution"] = abs(resolution_v / y) / _RESOLUTION
-    if found.repeatability_v is not None:
-        parts["repeatability"] = abs(float(found.repeatability_v[k]) / y) / _RECTANGULAR
-    if found.reproducibility_v is not None and found.n_at[k] > 1:
-        spread = abs(float(found.reproducibility_v[k]) / y)
-        parts["reproducibility"] = spread / math.sqrt(int(found.n_at[k]))
-    if found.zero_v is not None:
-        parts["zero"] = abs(found.zero_v / (found.full_v or math.nan)) / _RECTANGULAR
-    return parts
+    """Return the uncertainty of each step, None where there is no deflection."""
+    return [
+        _case(
+            {name: float(sizes[k]) for name, sizes in parts.items()},
+            int(found.n_at[k]),
+            float(added[k]),
+            float(torque_nm[k]),
+        )
+        if math.isfinite(y) and y != 0.0
+        else None
+        for k, y in enumerate(deflection_v.tolist())
+    ]
 
 
 def _case(
@@ -366,22 +359,19 @@ def evaluate_group(
     needed, top = ("reproducibility",), float(torque[-1])
     sensitivity = float(found.mean_v[-1]) / top
     whole = LoadGroup(
-        direction=group.direction,
-        range=group.range,
-        loading=group.loading,
-        arm_length_m=group.arm_length_m,
+        **group.place,
         n_positions=found.n_positions,
         n_series=len(group.series),
         n_series_up_down=found.n_both,
         largest_torque_nm=top,
         sensitivity_v_per_nm=_known(sensitivity),
-        gain_nm_per_v=_inverse(sensitivity),
-        gain_up_nm_per_v=_inverse(found.linear),
-        gain_up_down_nm_per_v=_inverse(found.linear_both),
+        gain_nm_per_v=_known(1.0, over=sensitivity),
+        gain_up_nm_per_v=_known(1.0, over=found.linear),
+        gain_up_down_nm_per_v=_known(1.0, over=found.linear_both),
         linear_v_per_nm=_known(found.linear),
         linear_up_down_v_per_nm=_known(found.linear_both),
-        cubic_v=None if found.cubic is None else tuple(found.cubic.tolist()),
-        zero_v=found.zero_v,
+        cubic_v=tuple(found.cubic.tolist()) if np.isfinite(found.cubic).all() else None,
+        zero_v=_known(found.zero_v),
         zero_relative=_known(found.zero_v, over=found.full_v),
         resolution_v=resolution_v,
         class_increasing=classify(first, needed),
@@ -391,10 +381,7 @@ def evaluate_group(
         series=tuple(_series(s) for s in group.series),
         lack_of_fit=series_lack_of_fit(torque, np.vstack([s.up_v for s in group.series])),
     )
-    steps = [
-        _step(group, found, k, one[k], None if two is None else two[k]) for k in range(len(torque))
-    ]
-    return whole, tuple(steps)
+    return whole, tuple(_step(group, found, k, one[k], two[k]) for k in range(len(torque)))
 
 
 def _step(
@@ -405,31 +392,27 @@ def _step(
     two: StepUncertainty | None,
 ) -> LoadStep:
     torque, y = float(group.torque_nm[k]), float(found.mean_v[k])
-    both = None if found.mean_both_v is None else float(found.mean_both_v[k])
-    cubic, slope = _cubic_at(found, torque), found.linear_both
-    off = None if both is None or slope is None else both - slope * torque
+    both = float(found.mean_both_v[k])
     volts = {
-        "repeatability": _at(found.repeatability_v, k),
-        "reproducibility": _at(found.reproducibility_v, k),
-        "range": _at(found.range_v, k),
-        "reversibility": _at(found.reversibility_v, k),
-        "deviation_linear": _known(y - found.linear * torque),
-        "deviation_cubic": None if cubic is None else _known(y - cubic),
+        "repeatability": float(found.repeatability_v[k]),
+        "reproducibility": float(found.reproducibility_v[k]),
+        "range": float(found.range_v[k]),
+        "reversibility": float(found.reversibility_v[k]),
+        "deviation_linear": y - found.linear * torque,
+        "deviation_cubic": y - _cubic_at(found, torque),
     }
+    sizes: dict[str, Any] = {f"{name}_v": _known(size) for name, size in volts.items()}
+    sizes |= {f"{name}_relative": _known(size, over=y) for name, size in volts.items()}
     return LoadStep(
-        direction=group.direction,
-        range=group.range,
-        loading=group.loading,
-        arm_length_m=group.arm_length_m,
+        **group.place,
         torque_nm=torque,
         deflection_v=_known(y),
-        deflection_up_down_v=both,
+        deflection_up_down_v=_known(both),
         fitted_v=_known(found.linear * torque),
-        deviation_up_down_relative=_known(off, over=both or math.nan),
+        deviation_up_down_relative=_known(both - found.linear_both * torque, over=both),
         increasing=one,
         increasing_decreasing=two,
-        **{f"{name}_v": size for name, size in volts.items()},
-        **{f"{name}_relative": _known(size, over=y) for name, size in volts.items()},
+        **sizes,
     )
 
 
@@ -441,8 +424,7 @@ def _class_values(
 ) -> tuple[dict[str, float | None], dict[str, float | None]]:
     """Return the largest relative values: for increasing torque, and with decreasing torque."""
     y, common = found.mean_v, relative_std(account.rows)
-    cubic = [_cubic_at(found, float(t)) for t in torque]
-    of_cubic = None if None in cubic else np.abs(y - np.array(cubic, dtype=float))
+    cubic = np.array([_cubic_at(found, float(t)) for t in torque])
     shared = {
         "repeatability": _largest(found.repeatability_v, y),
         "reproducibility": _largest(found.reproducibility_v, y),
@@ -450,30 +432,23 @@ def _class_values(
         "torque": 2.0 * common if common > 0.0 else None,
         "resolution": None if resolution_v is None else _known(abs(float(y[0])), over=resolution_v),
     }
-    line = None
-    if found.mean_both_v is not None and found.linear_both is not None:
-        line = _largest(found.mean_both_v - found.linear_both * torque, found.mean_both_v)
-    reversible = _largest(found.reversibility_v, y)
-    first = {**shared, "fit": _largest(of_cubic, y)}
-    return first, {**shared, "fit": line, "reversibility": reversible}
+    both = found.mean_both_v
+    first = {**shared, "fit": _largest(y - cubic, y)}
+    second = {
+        **shared,
+        "fit": _largest(both - found.linear_both * torque, both),
+        "reversibility": _largest(found.reversibility_v, y),
+    }
+    return first, second
 
 
-def _largest(values: FloatArray | None, y: FloatArray) -> float | None:
-    if values is None:
-        return None
-    relative = np.abs(values / np.where(y == 0.0, np.nan, y))
-    return float(np.max(relative)) if np.isfinite(relative).all() else None
+def _largest(values: FloatArray, y: FloatArray) -> float | None:
+    return _known(float(np.max(_over(values, y))))
 
 
-def _cubic_at(found: StepQuantities, torque: float) -> float | None:
-    if found.cubic is None:
-        return None
+def _cubic_at(found: StepQuantities, torque: float) -> float:
     a, b, c = (float(x) for x in found.cubic)
     return a * torque + b * torque**2 + c * torque**3
-
-
-def _at(values: FloatArray | None, k: int) -> float | None:
-    return None if values is None else _known(float(values[k]))
 
 
 def _series(series: LoadSeries) -> GroupSeries:
@@ -483,12 +458,6 @@ def _series(series: LoadSeries) -> GroupSeries:
     return GroupSeries.from_json({**asdict(series), **volts}, f"series {series.id}")
 
 
-def _known(value: float | None, *, over: float = 1.0) -> float | None:
+def _known(value: float, *, over: float = 1.0) -> float | None:
     """Return value over something, None where either is not known or the second is 0."""
-    if value is None or not math.isfinite(value) or not (math.isfinite(over) and over != 0.0):
-        return None
-    return value / over
-
-
-def _inverse(slope: float | None) -> float | None:
-    return None if slope is None else _known(1.0, over=slope)
+    return value / over if math.isfinite(value) and math.isfinite(over) and over != 0.0 else None

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,12 @@ class StepGroup:
     torque_nm: FloatArray
     # at least one
     series: tuple[LoadSeries, ...]
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """What the series have in common beside their steps."""
+        names = ("direction", "range", "loading", "arm_length_m")
+        return {name: getattr(self, name) for name in names}
 
     def first_series(self) -> tuple[LoadSeries, ...]:
         """Return one series of each position: the first, which no other went before."""
