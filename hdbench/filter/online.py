@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +18,7 @@ from hdbench.filter.kalman import (
     MISSING,
     STEP,
     UNRESOLVED,
+    USABLE,
     FilteredBlock,
     Form,
     kernel_form,
@@ -277,6 +280,21 @@ class Channels:
     angle_rad: FloatArray | None
     source: str
 
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Which samples have a torque and a velocity that the filter can use."""
+        return (np.abs(self.torque_nm) <= USABLE) & (np.abs(self.velocity_rad_s) <= USABLE)
+
+
+@contextmanager
+def faults_of(source: str) -> Iterator[None]:
+    """Name the file in the errors of the kernel, which knows samples only."""
+    try:
+        yield
+    except DataError as error:
+        where = f"{source}: {error.where}"
+        raise DataError(error.what, where=where, fix=error.fix) from error
+
 
 def filter_channels(trace: Trace, profile: ProfileData, *, use_measured_angle: bool) -> Channels:
     """Return the channels that the filter reads.
@@ -355,14 +373,9 @@ def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> Filt
         If a channel is missing or time does not increase.
     """
     channels = filter_channels(trace, profile, use_measured_angle=model.use_measured_angle)
-    try:
-        return OnlineFilter(model).process(
-            channels.time_s, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad
-        )
-    except DataError as error:
-        raise DataError(
-            error.what, where=f"{trace.source}: {error.where}", fix=error.fix
-        ) from error
+    samples = (channels.time_s, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad)
+    with faults_of(trace.source):
+        return OnlineFilter(model).process(*samples)
 
 
 def filtered_columns(trace: Trace, block: FilteredBlock) -> Trace:

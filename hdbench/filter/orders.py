@@ -12,7 +12,7 @@ from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
 from hdbench.estimation.stretches import true_runs
 from hdbench.filter.kalman import USABLE, pack, smooth
 from hdbench.filter.model import FilterModel
-from hdbench.filter.online import Channels
+from hdbench.filter.online import Channels, faults_of
 from hdbench.records import FloatArray
 from hdbench.results.dynamic import SpectrumLine
 
@@ -76,14 +76,13 @@ def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
     .. [1] H. Vold, J. Leuridan, "High resolution order tracking at extreme slew rates, using
        Kalman tracking filters", SAE 931288 (1993).
     """
-    known = np.abs(channels.velocity_rad_s) <= USABLE
-    if not (known & (np.abs(channels.torque_nm) <= USABLE)).any():
+    if not channels.usable.any():
         raise DataError(
             "no sample has torque and velocity",
             where=channels.source,
             fix="record the torque and velocity channels",
         )
-    try:
+    with faults_of(channels.source):
         found = smooth(
             pack(model),
             channels.time_s,
@@ -91,9 +90,6 @@ def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
             channels.torque_nm,
             angle_rad=channels.angle_rad if model.use_measured_angle else None,
         )
-    except DataError as error:
-        where = f"{channels.source}: {error.where}"
-        raise DataError(error.what, where=where, fix=error.fix) from error
     if found.covariance is None:
         raise ValueError("the smoother gave no covariance")
     angle = motor_angle(channels)

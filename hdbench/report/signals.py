@@ -124,11 +124,7 @@ def _own(source: Source, trace: Trace, profile: Profile) -> Filtered:
 
 
 def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> Filtered:
-    block = filter_trace(
-        trace,
-        model,
-        profile.data,
-    )
+    block = filter_trace(trace, model, profile.data)
     return Filtered(model, block.torque_filtered_nm, online=False)
 
 

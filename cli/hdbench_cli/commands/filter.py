@@ -21,7 +21,6 @@ from hdbench.filter import (
     preset,
 )
 from hdbench.filter.comparison import Comparison, compare_filters
-from hdbench.filter.kalman import USABLE
 from hdbench.filter.online import FLAG_BITS
 from hdbench.filter.orders import SmoothedTorque, smooth_channels
 from hdbench.profile import Profile
@@ -72,11 +71,7 @@ def _filtered(
     trace = item.trace
     if tuned:
         model = tuned_on(item, profile)
-    block = filter_trace(
-        trace,
-        model,
-        profile.data,
-    )
+    block = filter_trace(trace, model, profile.data)
     body = {
         **result_header("filter", profile),
         "input": item.identity(),
@@ -111,7 +106,8 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
     others = data_flags(trace, trace["torque_nm"], profile.data)
     flags = [flag for flag in others if flag.name != "missing-samples"]
     predicted = f"of {len(trace)} samples{{}}; the filter only predicted there"
-    lost = _lost(trace, profile)
+    channels = filter_channels(trace, profile.data, use_measured_angle=False)
+    lost = int(np.count_nonzero(~channels.usable))
     if lost:
         detail = f"{lost} {predicted.format(' lack torque or velocity')}"
         flags.insert(0, DataFlag("missing-samples", lost, detail))
@@ -122,17 +118,6 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
             flags.append(DataFlag(name, count, f"{name}: {count} {predicted.format('')}"))
     refusal = channel_refusal(trace, source, profile)
     return [*flags, DataFlag("wrong-channel", len(trace), refusal)] if refusal else flags
-
-
-def _lost(trace: Trace, profile: Profile) -> int:
-    """Return how many samples have a torque or velocity that the filter cannot use."""
-    velocity = (
-        trace["motor_velocity_rad_s"]
-        if "motor_velocity_rad_s" in trace
-        else trace["tacho_v"] * profile.data.tacho.gain_rad_s_per_v
-    )
-    usable = (np.abs(velocity) <= USABLE) & (np.abs(trace["torque_nm"]) <= USABLE)
-    return len(trace) - int(np.count_nonzero(usable))
 
 
 def _summary(
@@ -181,18 +166,11 @@ def _doubt(doubtful: list[dict[str, Any]]) -> DoubtfulDataError | None:
 
 def smoothed_columns(trace: Trace, smoothed: SmoothedTorque) -> Trace:
     """Add the smoothed torque, and every order's amplitude and phase with their bands."""
-    columns = {
-        "torque_smoothed_nm": smoothed.torque_smoothed_nm,
-        "slow_nm": smoothed.slow_nm,
-        "slow_std_nm": smoothed.slow_std_nm,
-    }
+    names = ("torque_smoothed_nm", "slow_nm", "slow_std_nm")
+    columns = {name: getattr(smoothed, name) for name in names}
+    parts = ("amplitude_nm", "amplitude_std_nm", "phase_rad", "phase_std_rad")
     for wave in smoothed.waves:
-        columns |= {
-            f"{wave.name}_amplitude_nm": wave.amplitude_nm,
-            f"{wave.name}_amplitude_std_nm": wave.amplitude_std_nm,
-            f"{wave.name}_phase_rad": wave.phase_rad,
-            f"{wave.name}_phase_std_rad": wave.phase_std_rad,
-        }
+        columns |= {f"{wave.name}_{part}": getattr(wave, part) for part in parts}
     return trace.with_columns(**columns)
 
 

@@ -41,7 +41,7 @@ def check_records(records: Sequence[Channels]) -> None:
     if not records:
         raise DataError("found no trace", where="tune", fix="name at least one trace or run")
     for record in records:
-        n = int(np.count_nonzero(_usable(record)))
+        n = int(np.count_nonzero(record.usable))
         if n < _LEAST_SAMPLES:
             raise DataError(
                 f"{n} of {len(record.torque_nm)} samples have torque and velocity, neither missing "
@@ -51,16 +51,12 @@ def check_records(records: Sequence[Channels]) -> None:
             )
 
 
-def _usable(record: Channels) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    return (np.abs(record.torque_nm) <= USABLE) & (np.abs(record.velocity_rad_s) <= USABLE)
-
-
 def describe_motion(records: Sequence[Channels]) -> Motion:
     """Return what the traces' motion can tell."""
     samples, duration, turned, periods = 0, 0.0, 0.0, []
     speeds, torques = [], []
     for record in records:
-        usable = _usable(record)
+        usable = record.usable
         samples += int(np.count_nonzero(usable))
         steps = np.diff(record.time_s)
         duration += float(record.time_s[-1] - record.time_s[0])
