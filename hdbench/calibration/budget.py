@@ -11,7 +11,7 @@ import numpy as np
 from hdbench.calibration.gains import any_one_position, by_position
 from hdbench.calibration.lever import budget_row
 from hdbench.profile.schema import ProfileData
-from hdbench.records.quantity import Quantity
+from hdbench.records.quantity import Quantity, coverage_factor
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import (
     BudgetRow,
@@ -43,23 +43,16 @@ class ExpandedUncertainty:
     expanded: float
 
 
-def expanded_uncertainty(
-    std: float, dof: float | None, confidence: float = 0.95
-) -> ExpandedUncertainty:
+def expanded_uncertainty(std: float, dof: float | None) -> ExpandedUncertainty:
     """Return the expanded uncertainty with k from the degrees of freedom.
 
     References
     ----------
     .. [1] JCGM 100:2008, annex G.
     """
-    from scipy.special import ndtri, stdtrit
-
-    p = 0.5 + confidence / 2.0
-    if dof is None or not dof < _MANY_DOF:
-        k = float(ndtri(p))
-        return ExpandedUncertainty(std, None, k, k * std)
-    k = float(stdtrit(dof, p))
-    return ExpandedUncertainty(std, dof, k, k * std)
+    known = dof if dof is not None and dof < _MANY_DOF else None
+    k = coverage_factor(known)
+    return ExpandedUncertainty(std, known, k, k * std)
 
 
 def expanded_gain(value: float, found: ExpandedUncertainty | None) -> ExpandedGain | None:

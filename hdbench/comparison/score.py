@@ -9,6 +9,7 @@ from typing import Any
 
 from hdbench.estimation.harmonics import combine
 from hdbench.records import Quantity
+from hdbench.records.quantity import coverage_factor
 
 # Student's t is the normal distribution to four digits of k from here on
 _MANY_DOF = 1e6
@@ -121,14 +122,6 @@ class SharedPart:
     dof: float | None = None
 
 
-def coverage(confidence: float, dof: float | None) -> float:
-    """Return k of a two-sided interval."""
-    from scipy.special import ndtri, stdtrit
-
-    p = 0.5 + confidence / 2.0
-    return float(ndtri(p)) if dof is None or dof > _MANY_DOF else float(stdtrit(dof, p))
-
-
 def compared(
     named: tuple[str, str, str],
     a: Quantity,
@@ -155,7 +148,7 @@ def compared(
     parts += [(abs(part.in_b - part.in_a), part.dof) for part in common]
     std, dof = combine(*parts)
     difference = Quantity(b.value - a.value, std, dof)
-    k = coverage(confidence, dof)
+    k = coverage_factor(dof, confidence)
     score = None
     if std > 0.0:
         score = abs(difference.value) / (k * std)
@@ -176,13 +169,13 @@ def own_part(
         return std, whole.dof
     from scipy.special import stdtridf
 
-    taken = math.fsum((coverage(0.95, dof) * part) ** 2 for part, dof in common)
-    square = (coverage(0.95, whole.dof) * whole.std) ** 2 - taken
+    taken = math.fsum((coverage_factor(dof) * part) ** 2 for part, dof in common)
+    square = (coverage_factor(whole.dof) * whole.std) ** 2 - taken
     factor = math.sqrt(square) / std if square > 0.0 else math.inf
     # two sigma factors bound what can be: the normal one, and that of one degree of freedom
-    if factor <= coverage(0.95, None) * (1.0 + 1e-6):
+    if factor <= coverage_factor(None) * (1.0 + 1e-6):
         return std, None
-    return std, float(stdtridf(0.975, factor)) if factor <= coverage(0.95, 1.0) else whole.dof
+    return std, float(stdtridf(0.975, factor)) if factor <= coverage_factor(1.0) else whole.dof
 
 
 def region(size: int, confidence: float, dof: float | None) -> float:

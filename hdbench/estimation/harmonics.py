@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.estimation.regression import LinearFit
-from hdbench.records.quantity import Quantity
+from hdbench.records.quantity import Quantity, coverage_factor
 from hdbench.records.trace import FloatArray
 
 # amplitude over its own standard deviation from which a peak counts as a line; its power is then
@@ -110,8 +110,6 @@ TURNS_FOR_ORDER_2 = 1.5
 # amplitude over its uncertainty below which it is biased upwards by the noise: at 3 the Rice
 # distribution's mean exceeds the true amplitude by 6 % and its shape is no longer normal
 _RICE_SIGMA = 3.0
-# 0.975 quantile of the normal distribution
-_NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,17 +219,16 @@ def combine(*parts: tuple[float, float | None]) -> tuple[float, float | None]:
     ----------
     .. [1] JCGM 100:2008, annex G.4, for the formula not used.
     """
-    from scipy.special import stdtridf, stdtrit
+    from scipy.special import stdtridf
 
     variance = math.fsum(std**2 for std, _ in parts)
     if not variance > 0.0:
         dofs = [dof for _, dof in parts if dof is not None]
         return 0.0, min(dofs) if dofs else None
-    factors = [_NORMAL_95 if dof is None else float(stdtrit(dof, 0.975)) for _, dof in parts]
-    square = math.fsum((k * std) ** 2 for k, (std, _) in zip(factors, parts, strict=True))
+    square = math.fsum((coverage_factor(dof) * std) ** 2 for std, dof in parts)
     factor = math.sqrt(square / variance)
     # the factor of a million dof: beyond it Student's t is the normal distribution
-    if factor < _NORMAL_95 + 2.5e-6:
+    if factor < coverage_factor(None) + 2.5e-6:
         return math.sqrt(variance), None
     return math.sqrt(variance), float(stdtridf(0.975, factor))
 

@@ -20,13 +20,12 @@ from hdbench.gauges.misplacement import (
 from hdbench.gauges.strain import PlacementErrors, off_centre
 from hdbench.records import FloatArray
 from hdbench.records.csvtext import csv_text
+from hdbench.records.quantity import coverage_factor
 
 _KINDS = ("radial", "circumferential", "angular")
 _OFF_CENTRE = "off-centre"
 _EFFECTS = ("gain_change", "zero_nm", "locked_zero_nm", "ripple_2_nm", "ripple_4_nm")
 _SHARES = (0.50, 0.90, 0.95, 0.99)
-# 0.975 quantile of the normal distribution
-_NORMAL_95 = 1.959963984540054
 _HEAD = ("case", "kind", "rosette", "quantity", "share_below", "value", "low", "high")
 
 
@@ -73,7 +72,7 @@ def sample_quantile(values: FloatArray, share: float) -> Quantile:
     """Return a quantile of draws and its 95 % interval."""
     ordered = np.sort(values)
     n = len(ordered)
-    half = _NORMAL_95 * math.sqrt(n * share * (1.0 - share))
+    half = coverage_factor(None) * math.sqrt(n * share * (1.0 - share))
     low = min(max(math.floor(n * share - half) - 1, 0), n - 1)
     high = min(math.ceil(n * share + half), n - 1)
     value = float(np.quantile(ordered, share))

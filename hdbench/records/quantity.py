@@ -6,6 +6,14 @@ import math
 from dataclasses import asdict, dataclass
 
 
+def coverage_factor(dof: float | None, confidence: float = 0.95) -> float:
+    """Return k of a two-sided interval, by Student's t; by the normal distribution without dof."""
+    from scipy.special import ndtri, stdtrit
+
+    p = 0.5 + confidence / 2.0
+    return float(ndtri(p)) if dof is None else float(stdtrit(dof, p))
+
+
 @dataclass(frozen=True, slots=True)
 class Quantity:
     """One measured number, its standard uncertainty and degrees of freedom.
@@ -52,10 +60,7 @@ class Quantity:
         -----
         Student's t with `dof` degrees of freedom; the normal distribution where `dof` is None.
         """
-        from scipy.special import ndtri, stdtrit
-
-        p = 0.5 + confidence / 2.0
-        k = float(ndtri(p)) if self.dof is None else float(stdtrit(self.dof, p))
+        k = coverage_factor(self.dof, confidence)
         return self.value - k * self.std, self.value + k * self.std
 
     def to_dict(self) -> dict[str, float | None]:
