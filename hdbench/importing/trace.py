@@ -125,7 +125,8 @@ def _check_size(source: Source, rows: int, mapped: int) -> None:
         )
 
 
-def _constant(name: str, text: str) -> float:
+def constant_value(name: str, text: str) -> float:
+    """Return the number that a column is set to."""
     try:
         value = float(text)
     except ValueError:
@@ -180,7 +181,7 @@ def _read(part: Part, recipe: Recipe) -> _Read:
         read = reads.pop(main)
         _put_on_clock(read, main, reads, keep_time=recipe.keep_time)
     for name, text in part.constants.items():
-        read.columns[name] = np.full(len(read.time), _constant(name, text))
+        read.columns[name] = np.full(len(read.time), constant_value(name, text))
     return read
 
 

@@ -18,6 +18,7 @@ from hdbench.importing.convert import conversion, find_source
 from hdbench.importing.recipe import Entry, Recipe
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
+from hdbench.importing.trace import constant_value
 from hdbench.profile.calibrating import Arm
 from hdbench.records.loads import LoadReading, Loads, read_loads, write_loads
 from hdbench.records.storage import publish, staged_path
@@ -164,19 +165,8 @@ def _place(constants: Sequence[Entry]) -> _Place:
                 fix=f"needed: {' or '.join(allowed)}",
             )
         given[entry.target] = entry.text
-    return (given["experiment"], _angle(given["position_rad"]), given["range"], given["direction"])
-
-
-def _angle(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UsageError(
-            f"position_rad is {text!r:.40}", where="--set", fix="needed: a finite angle in rad"
-        )
-    return value
+    angle_rad = constant_value("position_rad", given["position_rad"])
+    return given["experiment"], angle_rad, given["range"], given["direction"]
 
 
 def _time(source: Source, maps: Mapping[str, str], rows: int, rate_hz: float | None) -> FloatArray:

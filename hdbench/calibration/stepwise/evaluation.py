@@ -161,76 +161,41 @@ _GUIDE_FACTOR = 2.0
 _RECTANGULAR, _TRIANGULAR, _RESOLUTION = math.sqrt(12.0), math.sqrt(24.0), math.sqrt(6.0)
 
 
-def case_one(
+def step_uncertainties(
     found: StepQuantities,
     torque_nm: FloatArray,
     relative_torque: FloatArray,
     resolution_v: float | None,
+    *,
+    unloaded: bool,
 ) -> list[StepUncertainty | None]:
-    """Return the uncertainty for increasing torque and a cubic through zero.
+    """Return the uncertainty of each step, None where there is no deflection.
 
     Notes
     -----
+    Case I, increasing torque and a cubic through zero:
     ``w^2 = w_KE^2 + (r/Y)^2/6 + (b'/Y)^2/12 + (b/Y)^2/n + (f0/Y_E)^2/12 + (fa/Y)^2/24``, all
     full spans; b with n - 1 degrees of freedom.
+
+    Case II, decreasing torque too and a line through zero: the same relative to Y^h, with
+    ``(h/Y^h)^2/12`` for the fit; the deviation from the line is known and systematic and is added
+    to the expanded uncertainty: ``W' = k w + |fa|/Y^h``.
     """
-    powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
-    parts = _common(found, found.mean_v, relative_torque, resolution_v)
-    parts["fit"] = _over(found.mean_v - powers @ found.cubic, found.mean_v) / _TRIANGULAR
-    return _uncertainties(parts, found, found.mean_v, torque_nm, np.zeros(len(torque_nm)))
-
-
-def case_two(
-    found: StepQuantities,
-    torque_nm: FloatArray,
-    relative_torque: FloatArray,
-    resolution_v: float | None,
-) -> list[StepUncertainty | None]:
-    """Return the uncertainty for increasing and decreasing torque and a line through zero.
-
-    Notes
-    -----
-    As `case_one` relative to Y^h, with ``(h/Y^h)^2/12`` for the fit; the deviation from the line
-    is known and systematic and is added to the expanded uncertainty: ``W' = k w + |fa|/Y^h``.
-    """
-    both = found.mean_both_v
-    parts = _common(found, both, relative_torque, resolution_v)
-    parts["reversibility"] = _over(found.reversibility_v, both) / _RECTANGULAR
-    added = _over(both - found.linear_both * torque_nm, both)
-    return _uncertainties(parts, found, both, torque_nm, added)
-
-
-def _over(values: FloatArray | float, deflection_v: FloatArray) -> FloatArray:
-    """Return sizes relative to a deflection, NaN where that is 0."""
-    return np.abs(values / np.where(deflection_v == 0.0, np.nan, deflection_v))
-
-
-def _common(
-    found: StepQuantities,
-    deflection_v: FloatArray,
-    relative_torque: FloatArray,
-    resolution_v: float | None,
-) -> dict[str, FloatArray]:
-    """Return the standard uncertainties, relative to a deflection, that both cases have."""
-    resolution = math.nan if resolution_v is None else resolution_v
-    full = np.full(len(deflection_v), found.full_v)
-    return {
+    y = found.mean_both_v if unloaded else found.mean_v
+    parts = {
         "torque": relative_torque,
-        "resolution": _over(resolution, deflection_v) / _RESOLUTION,
-        "repeatability": _over(found.repeatability_v, deflection_v) / _RECTANGULAR,
-        "reproducibility": _over(found.reproducibility_v, deflection_v) / np.sqrt(found.n_at),
-        "zero": _over(found.zero_v, full) / _RECTANGULAR,
+        "resolution": _over(math.nan if resolution_v is None else resolution_v, y) / _RESOLUTION,
+        "repeatability": _over(found.repeatability_v, y) / _RECTANGULAR,
+        "reproducibility": _over(found.reproducibility_v, y) / np.sqrt(found.n_at),
+        "zero": _over(found.zero_v, np.full(len(y), found.full_v)) / _RECTANGULAR,
     }
-
-
-def _uncertainties(
-    parts: dict[str, FloatArray],
-    found: StepQuantities,
-    deflection_v: FloatArray,
-    torque_nm: FloatArray,
-    added: FloatArray,
-) -> list[StepUncertainty | None]:
-    """Return the uncertainty of each step, None where there is no deflection."""
+    if unloaded:
+        parts["reversibility"] = _over(found.reversibility_v, y) / _RECTANGULAR
+        added = _over(y - found.linear_both * torque_nm, y)
+    else:
+        powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
+        parts["fit"] = _over(y - powers @ found.cubic, y) / _TRIANGULAR
+        added = np.zeros(len(torque_nm))
     return [
         _case(
             {name: float(sizes[k]) for name, sizes in parts.items()},
@@ -238,10 +203,15 @@ def _uncertainties(
             float(added[k]),
             float(torque_nm[k]),
         )
-        if math.isfinite(y) and y != 0.0
+        if math.isfinite(deflection) and deflection != 0.0
         else None
-        for k, y in enumerate(deflection_v.tolist())
+        for k, deflection in enumerate(y.tolist())
     ]
+
+
+def _over(values: FloatArray | float, deflection_v: FloatArray) -> FloatArray:
+    """Return sizes relative to a deflection, NaN where that is 0."""
+    return np.abs(values / np.where(deflection_v == 0.0, np.nan, deflection_v))
 
 
 def _case(
@@ -353,8 +323,10 @@ def evaluate_group(
     """Evaluate one group in the manner of EURAMET cg-14."""
     found, torque = step_quantities(group), group.torque_nm
     relative = np.array([account.relative_std_at(float(t)) for t in torque])
-    one = case_one(found, torque, relative, resolution_v)
-    two = case_two(found, torque, relative, resolution_v)
+    one, two = (
+        step_uncertainties(found, torque, relative, resolution_v, unloaded=unloaded)
+        for unloaded in (False, True)
+    )
     first, second = _class_values(found, torque, account, resolution_v)
     needed, top = ("reproducibility",), float(torque[-1])
     sensitivity = float(found.mean_v[-1]) / top
