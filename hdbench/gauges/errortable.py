@@ -12,7 +12,6 @@ import numpy as np
 from hdbench.errors import UsageError
 from hdbench.gauges.layout import cancellation
 from hdbench.gauges.misplacement import (
-    Effects,
     GaugedBench,
     closed_form_ripple,
     placement_effects,
@@ -24,7 +23,6 @@ from hdbench.records.quantity import coverage_factor
 
 _KINDS = ("radial", "circumferential", "angular")
 _OFF_CENTRE = "off-centre"
-_EFFECTS = ("gain_change", "zero_nm", "locked_zero_nm", "ripple_2_nm", "ripple_4_nm")
 _SHARES = (0.50, 0.90, 0.95, 0.99)
 _HEAD = ("case", "kind", "rosette", "quantity", "share_below", "value", "low", "high")
 
@@ -220,8 +218,8 @@ def _shifted(
     return off_centre(bench.layout, bench.geometry, tolerance.off_centre_mm * shift, towards)
 
 
-def _row(effects: Effects, index: int) -> dict[str, float]:
-    return {name: float(getattr(effects, name)[index]) for name in _EFFECTS}
+def _row(effects: Mapping[str, FloatArray], index: int) -> dict[str, float]:
+    return {name: float(values[index]) for name, values in effects.items()}
 
 
 def _one_off(bench: GaugedBench, tolerance: Tolerance) -> tuple[OneOff, ...]:
@@ -244,7 +242,7 @@ def _film_off(bench: GaugedBench, tolerance: Tolerance) -> OneOff:
     towards: FloatArray = np.arange(24, dtype=np.float64) * (2.0 * np.pi / 24)
     shift = np.full(24, tolerance.off_centre_mm)
     effects = placement_effects(bench, off_centre(bench.layout, bench.geometry, shift, towards))
-    return OneOff(0, _OFF_CENTRE, _row(effects, int(np.argmax(effects.ripple_2_nm))), None)
+    return OneOff(0, _OFF_CENTRE, _row(effects, int(np.argmax(effects["ripple_2_nm"]))), None)
 
 
 def _chosen(
@@ -264,8 +262,8 @@ def _scatter(bench: GaugedBench, kind: str, errors: PlacementErrors) -> Scatter:
     return Scatter(
         kind,
         {
-            name: tuple(sample_quantile(np.abs(getattr(effects, name)), share) for share in _SHARES)
-            for name in _EFFECTS
+            name: tuple(sample_quantile(np.abs(values), share) for share in _SHARES)
+            for name, values in effects.items()
         },
     )
 
@@ -281,7 +279,8 @@ def table_as_csv(table: ErrorTable) -> str:
     Returns
     -------
     str
-        Columns case, kind, rosette, quantity, share_below, value, low, high; units as in `Effects`.
+        Columns case, kind, rosette, quantity, share_below, value, low, high; units as in
+        `placement_effects`.
     """
     return csv_text(_HEAD, _rows(table))
 

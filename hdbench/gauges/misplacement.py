@@ -87,23 +87,6 @@ class GaugedBench:
         return replace(self, field=field)
 
 
-@dataclass(frozen=True, slots=True)
-class Effects:
-    """What the placement of the rosettes does, one entry per draw."""
-
-    # shape (draws,): Relative change of the torque shown at rated torque, mean over a turn, zero
-    # taken off
-    gain_change: FloatArray
-    # shape (draws,): Torque shown at no torque, mean over a turn of the wave generator, N m
-    zero_nm: FloatArray
-    # shape (draws,): Largest torque shown at no torque with the wave generator locked at any angle,
-    # N m
-    locked_zero_nm: FloatArray
-    # shape (draws,): Amplitude at twice and at four times wave-generator speed at no torque, N m
-    ripple_2_nm: FloatArray
-    ripple_4_nm: FloatArray
-
-
 def gauged_bench(
     data: ProfileData, layout: Layout, geometry: GridGeometry, field: StrainField | None = None
 ) -> GaugedBench:
@@ -155,7 +138,7 @@ def _strain_per_nm(sensor: Sensor) -> float:
     return 1.0 / (sensor.gain_nm_per_v * volts)
 
 
-def placement_effects(bench: GaugedBench, errors: PlacementErrors) -> Effects:
+def placement_effects(bench: GaugedBench, errors: PlacementErrors) -> dict[str, FloatArray]:
     """Return what placement errors do, by the exact bridge equation.
 
     Parameters
@@ -167,12 +150,14 @@ def placement_effects(bench: GaugedBench, errors: PlacementErrors) -> Effects:
 
     Returns
     -------
-    Effects
-        One entry per draw.
+    dict of ndarray, shape (draws,)
+        Relative change of the torque shown at rated torque, mean over a turn, zero taken off;
+        at no torque, N m: the mean over a turn of the wave generator, the largest with that locked
+        at any angle, and the amplitudes at twice and at four times its speed.
     """
     draws = len(errors.radial_mm)
     parts = [_effects(bench, _rows(errors, slice(i, i + _CHUNK))) for i in range(0, draws, _CHUNK)]
-    return Effects(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _rows(errors: PlacementErrors, rows: slice) -> PlacementErrors:
@@ -181,7 +166,7 @@ def _rows(errors: PlacementErrors, rows: slice) -> PlacementErrors:
     )
 
 
-def _effects(bench: GaugedBench, errors: PlacementErrors) -> tuple[FloatArray, ...]:
+def _effects(bench: GaugedBench, errors: PlacementErrors) -> dict[str, FloatArray]:
     beta: FloatArray = np.arange(_POINTS, dtype=np.float64) * (math.pi / _POINTS)
 
     def shown(torque_nm: float) -> FloatArray:
@@ -199,13 +184,13 @@ def _effects(bench: GaugedBench, errors: PlacementErrors) -> tuple[FloatArray, .
     zero = idle.mean(axis=1)
     rated = shown(bench.rated_torque_nm).mean(axis=1)
     lines = np.fft.rfft(idle, axis=1) * (2.0 / _POINTS)
-    return (
-        (rated - zero) / bench.rated_torque_nm - 1.0,
-        zero,
-        np.abs(idle).max(axis=1),
-        np.abs(lines[:, 1]),
-        np.abs(lines[:, 2]),
-    )
+    return {
+        "gain_change": (rated - zero) / bench.rated_torque_nm - 1.0,
+        "zero_nm": zero,
+        "locked_zero_nm": np.abs(idle).max(axis=1),
+        "ripple_2_nm": np.abs(lines[:, 1]),
+        "ripple_4_nm": np.abs(lines[:, 2]),
+    }
 
 
 def closed_form_ripple(bench: GaugedBench, wave: Wave, error_rad: float) -> float:
