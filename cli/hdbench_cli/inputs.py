@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hdbench.errors import StorageError, UsageError
-from hdbench.filter import FilterModel
 from hdbench.profile import Profile, load_profile, stored_profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
@@ -22,6 +21,9 @@ from hdbench.records import (
 )
 from hdbench_cli.output import Output
 from hdbench_cli.text import Lines
+
+if TYPE_CHECKING:
+    from hdbench.filter import FilterModel
 
 DEFAULT_PROFILE = "cim-tr-97-06"
 

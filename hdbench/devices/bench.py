@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.model.waves import ReferenceProgram
-from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
     from hdbench.devices.operator import Simulation
+    from hdbench.profile.schema import ReferenceWave
+    from hdbench.profile.waves import ReferenceProgram
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from numpy import bool_
 from numpy.typing import NDArray
 
 from hdbench.devices.bench import Identity, SafeState
-from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
+from hdbench.profile.waves import ReferenceProgram
 from hdbench.records.trace import FloatArray
 
 Role = Literal["torque", "tacho", "current", "reference", "encoder"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
 
 from hdbench.records.trace import FloatArray
 
@@ -63,16 +62,22 @@ def sine_squared(first: FloatArray, second: FloatArray) -> float:
 
 def chi2_tail(value: float, dof: float) -> float:
     """Return the probability of a chi^2 of `dof` above `value`."""
+    from scipy.special import chdtrc
+
     return float(chdtrc(dof, max(value, 0.0)))
 
 
 def chi2_tails(values: FloatArray, dof: float) -> FloatArray:
     """Return the probability of a chi^2 of `dof` above each value."""
+    from scipy.special import chdtrc
+
     return np.asarray(chdtrc(dof, np.maximum(values, 0.0)))
 
 
 def chi2_level(chance: float, dof: float) -> float:
     """Return the value that a chi^2 of `dof` exceeds with this probability."""
+    from scipy.special import chdtri
+
     return float(chdtri(dof, chance))
 
 

@@ -23,7 +23,6 @@ from hdbench.model.definition import Cause, CauseTerm, Parameter, amplitude_phas
 from hdbench.model.modelfile import load_model, save_model
 from hdbench.model.motion import Motion, gauge_order_factor, integrate_velocity, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise
-from hdbench.model.waves import reference_voltage
 
 __all__ = [
     "BenchModel",
@@ -45,7 +44,6 @@ __all__ = [
     "load_causes",
     "load_model",
     "motion_from_trace",
-    "reference_voltage",
     "save_model",
     "shape_bounds",
     "simulate_like",

@@ -12,8 +12,8 @@ from hdbench.model.bench import BenchModel
 from hdbench.model.cause import check_term
 from hdbench.model.causes import CAUSE_GROUPS
 from hdbench.model.motion import Motion, motion_from_trace
-from hdbench.model.waves import reference_voltage
 from hdbench.profile.schema import ProfileData, ReferenceWave
+from hdbench.profile.waves import reference_voltage
 from hdbench.records.trace import FloatArray, Trace
 
 # columns of a record that say when and how it moved, and under what load: kept by `simulate_like`

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import UsageError
-from hdbench.model.waves import ReferenceProgram, reference_values
 from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
 from hdbench.plant.effects import EFFECT_KINDS, encoder_error_rad, start_effect
 from hdbench.plant.fixture import GAIN_HARMONICS, Fixture, Mount, PositionGain, shunt_volts
@@ -25,6 +24,7 @@ from hdbench.profile.schema import (
     ProfileData,
     ReferenceWave,
 )
+from hdbench.profile.waves import ReferenceProgram, reference_values
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:

@@ -17,7 +17,9 @@ from hdbench.records.quantity import Quantity, TorqueScale
 
 # keys of `Result` that stand before those of a kind; the others stand behind them
 _HEAD_KEYS = 3
-_CONFIG = ConfigDict(allow_inf_nan=False, validate_by_name=True, validate_by_alias=True)
+_CONFIG = ConfigDict(
+    allow_inf_nan=False, validate_by_name=True, validate_by_alias=True, defer_build=True
+)
 
 _EVALUATE_AGAIN = "evaluate the run again with --from"
 

@@ -16,8 +16,8 @@ from hdbench.diagnosis.planning.limits import check_motion_plan
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, plan_stages, program_of
 from hdbench.errors import UsageError
-from hdbench.model.waves import ReferenceProgram, reference_values
 from hdbench.profile.schema import ProfileData, ReferenceWave
+from hdbench.profile.waves import ReferenceProgram, reference_values
 
 # a row of twelve channels is 96 bytes in the journal and some 200 in the trace; a point of a
 # calibration has its raw samples beside it

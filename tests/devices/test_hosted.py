@@ -16,8 +16,8 @@ from hdbench.devices import AcquisitionSettings
 from hdbench.devices.host.bench import HostedBench, SampleClock, Unwrap
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.errors import DeviceError, UsageError
-from hdbench.model.waves import ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
+from hdbench.profile.waves import ProgramPart, ReferenceProgram
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)
 ASKED = AcquisitionSettings(1e-3, 1000, WAVE)

@@ -17,7 +17,7 @@ from hdbench.devices.emulator.node import RefusedError, build_core
 from hdbench.devices.node.access import parameter_values, part_values
 from hdbench.devices.node.registers import PARAMETERS, PROGRAM, PROGRAM_WAVE, Refusal, register
 from hdbench.devices.registers import encode_group
-from hdbench.model.waves import ProgramPart, ReferenceProgram, program_voltage
+from hdbench.profile.waves import ProgramPart, ReferenceProgram, program_voltage
 
 PARTS = (
     ProgramPart(200, 0.0, 1.5),

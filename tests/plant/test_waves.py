@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, quiet_profile
 
-from hdbench.model.waves import reference_voltage
 from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.schema import ReferenceWave
+from hdbench.profile.waves import reference_voltage
 
 QUIET = quiet_profile()
 NM_PER_CODE = 6.6 * 10.0 / 32768.0

@@ -11,7 +11,7 @@ from fakes import WHOLE, FakeBench, FakeOperator, opened, quiet, task_in
 from hdbench.diagnosis.planning.blocks import full_protocol
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import UsageError
-from hdbench.model.waves import ReferenceProgram, program_voltage
+from hdbench.profile.waves import ReferenceProgram, program_voltage
 from hdbench.records.counted import survey_samples
 from hdbench.records.tracefile import read_trace
 from hdbench.session import BenchOptions, run_experiment

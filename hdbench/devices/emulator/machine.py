@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from hdbench.devices.node import registers as reg
 from hdbench.devices.node.blocks import CRC_AT, DATA_AT, HEADER
 from hdbench.devices.registers import BLOCK_DATA_REGISTERS, Value
-from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.schema import ReferenceWave
+from hdbench.profile.waves import ReferenceProgram
 
 # four seconds at 1 kHz: twice the longest watchdog time
 FIFO_SCANS = 4096

@@ -26,10 +26,10 @@ from hdbench.devices.registers import (
     decode_group,
     encode_group,
 )
-from hdbench.model.waves import MAX_PARTS, ProgramPart, ReferenceProgram
 from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
+from hdbench.profile.waves import MAX_PARTS, ProgramPart, ReferenceProgram
 
 _MAX_SAMPLES = 100_000_000
 DEFAULT_PARAMETERS: Mapping[str, Value] = {

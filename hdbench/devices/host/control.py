@@ -13,8 +13,8 @@ import numpy as np
 
 from hdbench.devices.daq import Daq
 from hdbench.errors import DeviceError, HdbenchError, UsageError
-from hdbench.model.waves import ReferenceProgram, reference_values
 from hdbench.profile.schema import ReferenceWave
+from hdbench.profile.waves import ReferenceProgram, reference_values
 from hdbench.records.trace import FloatArray
 
 # a decimal limit and the sum of bias and amplitude differ by rounding only

@@ -26,8 +26,8 @@ from hdbench.devices.wire.link import (
     write_registers,
 )
 from hdbench.errors import BusyError, DeviceError, HdbenchError
-from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
+from hdbench.profile.waves import ReferenceProgram
 
 # what helps where a port cannot be opened
 _FIXES = {

@@ -32,9 +32,9 @@ from hdbench.devices.transactor import was_answered
 from hdbench.devices.wire.address import Address, SerialSettings, parse_address, serial_settings
 from hdbench.devices.wire.link import connect, read_registers, write_register
 from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
-from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
+from hdbench.profile.waves import ReferenceProgram
 
 # characters around the registers of an FC23 exchange on a serial line: request with two registers
 # written; unit, function, byte count and checksum of the reply

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from hdbench.diagnosis.evidence import RANK, SAME_SPACE, chi2_level
 from hdbench.diagnosis.planning.frame import ROWS, Frame, Noise, make_frame
@@ -273,6 +272,8 @@ def _needed(cause: Cause, frame: Frame, names: int) -> float:
         trials = names * max(1.0, 2.0 * line_length(frame, key) * width)
     # 1 % for any finding on a record without effects, 90 % to find one, as in the diagnosis
     level = chi2_level(0.01 / trials, max(1, len(cause.linear)))
+    from scipy.special import ndtri
+
     return float(np.sqrt(level) + ndtri(0.9))
 
 

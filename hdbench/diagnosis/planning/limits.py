@@ -10,8 +10,8 @@ import numpy as np
 
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment, plan_stages
 from hdbench.errors import UsageError
-from hdbench.model.waves import MAX_PARTS
 from hdbench.profile.schema import ProfileData
+from hdbench.profile.waves import MAX_PARTS
 
 # numbers travel as 32-bit floats and are sums of a few terms of a file: a limit, a cycle or an
 # equal speed that is given with few digits is meant to be met

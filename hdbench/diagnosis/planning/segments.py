@@ -9,8 +9,8 @@ import numpy as np
 
 from hdbench.errors import UsageError
 from hdbench.model import Motion, motion_from_trace
-from hdbench.model.waves import ProgramPart, ReferenceProgram, program_voltage
 from hdbench.profile.schema import ProfileData
+from hdbench.profile.waves import ProgramPart, ReferenceProgram, program_voltage
 from hdbench.records.trace import FloatArray, Trace
 
 

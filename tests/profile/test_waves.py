@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hdbench.model import reference_voltage
 from hdbench.profile.schema import ReferenceWave
+from hdbench.profile.waves import reference_voltage
 
 # rounding of a few operations on numbers near one
 ROUNDING = 1e-12
