@@ -58,24 +58,31 @@ class Named:
 
 
 def name_causes(search: Search) -> dict[int, Named]:
-    """Name every cause against all others; where a better name takes a place the search goes on."""
+    """Name every cause against all others.
+
+    Where a better name, no other form of the same torque, takes a place the search goes on.
+    """
     for _ in range(_SWEEPS):
-        tables, swapped = _swept(search)
+        tables, swapped, moved = _swept(search)
         if not swapped:
             break
         search.reshape_all()
         search.prune(most=0)
-        search.go_on()
+        if moved:
+            search.go_on()
     if swapped or any(table[0].evidence_nats < 0.0 for table in tables.values()):
         search.prune(most=0)
         tables = {part: _table(search, part) for part in search.fit.causes()}
     return {part: _named(search.fit.beside(part), table) for part, table in tables.items()}
 
 
-def _swept(search: Search) -> tuple[dict[int, list[Candidate]], bool]:
-    """Return the table of each cause, and whether a better name took the place of one."""
+def _swept(search: Search) -> tuple[dict[int, list[Candidate]], bool, bool]:
+    """Return the table of each cause, and whether a better name took the place of one.
+
+    And whether such a name is no other form of the same torque.
+    """
     fit = search.fit
-    tables, swapped = {}, False
+    tables, swapped, moved = {}, False, False
     for held in [fit.parts[part] for part in fit.causes()]:
         part = next(place for place, other in enumerate(fit.parts) if other is held)
         table = tables[part] = _table(search, part)
@@ -89,9 +96,10 @@ def _swept(search: Search) -> tuple[dict[int, list[Candidate]], bool]:
                 f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
                 f"{better.evidence_nats:.1f}"
             )
+            moved |= not same_torque(own.term.cause, better.term.cause)
             search.replace_term(part, better)
             swapped = True
-    return tables, swapped
+    return tables, swapped, moved
 
 
 def _table(search: Search, part: int) -> list[Candidate]:

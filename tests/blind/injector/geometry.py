@@ -129,7 +129,9 @@ def sine_squares(scene, families, shape, torque, beside=None):
         unit = rest / np.where(scale > 0.0, scale, 1.0)
         along = unit.T @ left
         taken = float(along @ np.linalg.pinv(unit.T @ unit, rcond=1e-9) @ along)
-        out[name] = min(out.get(name, 1.0), max(0.0, 1.0 - taken / energy))
+        # what does not show at all on a run can be anything
+        share = max(0.0, 1.0 - taken / energy) if energy > 0.0 else 0.0
+        out[name] = min(out.get(name, 1.0), share)
     if "direction-asymmetry" in out:
         out["side-force"] = out["direction-asymmetry"]
     return out
