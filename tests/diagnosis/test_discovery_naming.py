@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from discovery_records import NOISE_NM, fitted, swinging
 
-from hdbench.diagnosis.discovery import form, refine
+from hdbench.diagnosis.discovery import form, naming, refine
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_rows, joined
 from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
@@ -229,6 +229,29 @@ def test_a_pair_goes_ahead_of_lines_only_where_both_follow_the_motion(other, ahe
         for name in names
     )
     assert _turn(pair) == ahead * 20.0
+
+
+@pytest.mark.parametrize(("better", "searches"), [("coulomb-friction", 0), ("hysteresis", 1)])
+def test_a_new_name_for_the_same_torque_starts_no_search(monkeypatch, better, searches):
+    tables = [
+        [
+            SimpleNamespace(name=name, evidence_nats=nats, term=Term(catalogue()[name], {}))
+            for name, nats in (("presliding", 20.0), (better, 30.0))
+        ]
+    ]
+    monkeypatch.setattr(naming, "_table", lambda search, part: tables[0])
+    monkeypatch.setattr(naming, "_named", lambda beside, table: table[0].name)
+    gone_on = []
+    search = SimpleNamespace(
+        fit=SimpleNamespace(parts=[object()], causes=lambda: [0], beside=lambda part: None),
+        log=[],
+        replace_term=lambda part, other: tables.insert(0, [other]),
+        reshape_all=lambda: None,
+        prune=lambda most: None,
+        go_on=lambda: gone_on.append(1),
+    )
+    assert naming.name_causes(search) == {0: better}
+    assert len(gone_on) == searches
 
 
 @pytest.mark.parametrize("late", [0, 1])
