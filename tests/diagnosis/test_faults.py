@@ -397,8 +397,14 @@ def test_noise_that_grows_with_speed_is_measured_and_other_changes_are_none():
     columns = bench(40_000, seed=7)
     assert left(columns).faults == ()
     louder = 0.1 * np.linspace(0.0, 1.0, 40_000)
-    columns["torque_nm"] += louder * np.random.default_rng(8).standard_normal(40_000)
-    assert left(columns).faults == ()
+    noise = np.random.default_rng(8).standard_normal(40_000)
+    assert left({**columns, "torque_nm": columns["torque_nm"] + louder * noise}).faults == ()
+    # louder at some speeds, by no law of theirs
+    louder = 0.1 * (columns["motor_velocity_rad_s"] > 65.0)
+    found = left({**columns, "torque_nm": columns["torque_nm"] + louder * noise})
+    assert found.faults == ()
+    fast, slow = (np.median(found.noise_variance[louder == size]) for size in (0.1, 0.0))
+    assert fast / slow == pytest.approx(1.0 + 0.1**2 / 0.05**2, rel=0.1)
 
 
 # --- clean and real

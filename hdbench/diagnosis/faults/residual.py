@@ -23,8 +23,8 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import ParameterValue
 
-# cells of equal counts over the speed, and blocks in time: noise that changes with time alone must
-# not be taken for a law of the speed
+# cells of equal counts over the speed, and blocks in time and over the speed: noise that changes
+# with time alone, or with the speed by another law, must not be taken for this one
 _CELLS, _BLOCKS = 64, 24
 # a wrong form or angle leaves a line that wanders with the speed: so many samples before predict
 # it, and no noise
@@ -70,7 +70,8 @@ def faults_of_residual(
     rough = _speed_noise(residual_nm, whitened_residual, kept, motion)
     if rough is None:
         return ResidualFaults(tuple(faults), spikes)
-    return ResidualFaults((*faults, rough[0]), spikes, rough[1])
+    faults += [rough[0]] if rough[0] else []
+    return ResidualFaults(tuple(faults), spikes, rough[1])
 
 
 def _spiky(
@@ -109,8 +110,11 @@ def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray
 
 def _speed_noise(
     residual_nm: FloatArray, whitened: FloatArray, used: NDArray[np.bool_], motion: Motion
-) -> tuple[Fault, FloatArray] | None:
-    """Return noise that grows with the speed, by greatest likelihood, and its variance."""
+) -> tuple[Fault | None, FloatArray] | None:
+    """Return noise that grows with the speed, by greatest likelihood, and its variance.
+
+    No fault where the noise changes with the speed by another law, as in motion and at rest.
+    """
     left, rows = _innovations(whitened, used & np.isfinite(motion.velocity_rad_s))
     speed = motion.velocity_rad_s**2
     if len(rows) < 500 or not float(np.ptp(speed[rows])) > 0.0:
@@ -133,13 +137,21 @@ def _speed_noise(
         values = np.maximum(np.linalg.solve(fisher, weighted.T @ means), 1e-3)
     variance = design @ values
     gain = 0.5 * float(np.sum(count * (means - np.log(variance) - means / variance)))
-    blocks = np.array_split(squares[bulk], _BLOCKS)
-    by_time = -0.5 * sum(len(part) * float(np.log(part.mean())) for part in blocks)
+    by_speed = np.array_split(bulk[np.argsort(speed[bulk], kind="stable")], _BLOCKS)
+    blocks = [
+        np.array([squares[part].mean() for part in parts])
+        for parts in (np.array_split(bulk, _BLOCKS), by_speed)
+    ]
+    free = [-0.5 * len(bulk) * float(np.mean(np.log(means))) for means in blocks]
     # squares of normal values have a variance of 2, those of the bulk less
-    gain, by_time = (one * 2.0 / float(np.var(squares[bulk])) for one in (gain, by_time))
+    gain, *free = (one * 2.0 / float(np.var(squares[bulk])) for one in (gain, *free))
     chance, nats = float(ndtr(-np.sqrt(2.0 * max(gain, 0.0)))), paid_nats(gain, 1, len(bulk))
-    if nats < max(ACCEPT_NATS, paid_nats(by_time, len(blocks) - 1, len(bulk))):
+    over_time, over_speed = (paid_nats(one, _BLOCKS - 1, len(bulk)) for one in free)
+    if max(nats, over_speed) < max(ACCEPT_NATS, over_time):
         return None
+    speed = np.where(np.isfinite(speed), speed, 0.0)
+    if over_speed > nats:
+        return None, np.interp(speed, [float(speed[part].mean()) for part in by_speed], blocks[1])
     # variance still + slope w^2 in units of its mean, w in rad/s
     still, slope = float(values[0]), float(values[1] / pace.max())
     power = float(np.mean(residual_nm[used] ** 2))
@@ -158,4 +170,4 @@ def _speed_noise(
     fault = replace(
         fault, false_alarm_probability=chance, share=slope * float(np.mean(speed[used]))
     )
-    return fault, still + slope * np.where(np.isfinite(speed), speed, 0.0)
+    return fault, still + slope * speed
