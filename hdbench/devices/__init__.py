@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from hdbench import handed_out
 
 if TYPE_CHECKING:
     from hdbench.devices.bench import AcquisitionSettings as AcquisitionSettings
@@ -11,16 +12,13 @@ if TYPE_CHECKING:
     from hdbench.devices.opening import stop_bench as stop_bench
     from hdbench.devices.operator import SimulatedOperator as SimulatedOperator
 
-_PLACES = {
-    "AcquisitionSettings": "bench",
-    "SimulatedOperator": "operator",
-    "open_bench": "opening",
-    "stop_bench": "opening",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Load what is asked for: the guard needs the wire below alone, and starts without the rest."""
-    if name not in _PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+# the guard needs the wire below alone, and starts without the rest
+__getattr__ = handed_out(
+    __name__,
+    {
+        "AcquisitionSettings": "bench",
+        "SimulatedOperator": "operator",
+        "open_bench": "opening",
+        "stop_bench": "opening",
+    },
+)

@@ -14,7 +14,7 @@ from hdbench.diagnosis.discovery.moments import (
     Moments,
     Solved,
     among,
-    inverse_scale,
+    normal_equations,
     packed,
     solve,
     solve_best,
@@ -474,21 +474,15 @@ class Fit:
         residual = self.measured - explained[held] @ self.rows[held]
         moments = moments.without(~kept)
         rows = self.rows if kept.all() else self.rows[kept]
-        weight = 1.0 / self.spectrum.power
-        matrix = moments.weighted(weight)
-        matrix[np.diag_indices_from(matrix)] += moments.penalty
-        scale = inverse_scale(np.diag(matrix))
-        scaled = matrix * np.outer(scale, scale)
-        scaled[np.diag_indices_from(scaled)] += np.where(scale > 0.0, 1e-10, 1.0)
-        factor = np.linalg.inv(np.linalg.cholesky(scaled)) * scale[None, :]
-        right = weight @ moments.right - moments.penalty * moments.coefficients
+        normal, right = normal_equations(moments, self.spectrum)
+        factor = np.linalg.inv(normal.factor) * normal.scale[None, :]
         return Beside(
             self.bands,
             rows,
             moments,
             residual,
             self.spectrum,
-            self.bands.spread(weight),
+            self.bands.spread(1.0 / self.spectrum.power),
             factor,
             factor @ right,
         )

@@ -112,16 +112,18 @@ class Moments:
         twice[np.diag_indices_from(twice)] *= 0.5
         return np.asarray(self.products @ twice[np.tri(len(matrix), dtype=bool)])
 
-    def left(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the power left after a step; per coefficient what is modelled, and what moves."""
-        free = np.where(self.penalty > 0.0, 0.0, self.coefficients + step)
+    def left(self, step: FloatArray) -> FloatArray:
+        """Return the power left in each band after a step."""
         power = self.power - 2.0 * self.right @ step + self.squares(step)
+        return np.maximum(power, 1e-12 * self.power)
+
+    def modelled(self, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return, per coefficient of each band, the power of what is modelled and of what moves."""
+        free = np.where(self.penalty > 0.0, 0.0, self.coefficients + step)
+        vectors = (free, np.where(self.moving, free, 0.0))
         counts = np.maximum(self.counts, 1e-9)
-        return (
-            np.maximum(power, 1e-12 * self.power),
-            (self.squares(free) + self.fixed) / counts,
-            (self.squares(np.where(self.moving, free, 0.0)) + self.fixed) / counts,
-        )
+        whole, moving = ((self.squares(one) + self.fixed) / counts for one in vectors)
+        return whole, moving
 
 
 @lru_cache(maxsize=64)
@@ -179,30 +181,28 @@ def solve(
     """
     spectrum, held = start, reference or start
     for _ in range(rounds):
-        normal = _normal(moments, spectrum)
-        step = normal.solution(_right(moments, spectrum))
+        normal, right = normal_equations(moments, spectrum)
+        step = normal.solution(right)
         counts = np.maximum(moments.counts, 1e-9)
         taken = moments.traces(normal.inverse())
         dof = np.clip(counts - taken / spectrum.power, _LEAST_DOF * counts, counts)
         amounts = None if anew else spectrum.amounts
-        power, *modelled = moments.left(step)
-        before, spectrum = spectrum, shapes.fit(power / dof, dof, amounts, *modelled)
+        power = moments.left(step) / dof
+        before, spectrum = spectrum, shapes.fit(power, dof, amounts, *moments.modelled(step))
         # the likelihood is flat at its best: it changes by the square
         if moments.counts @ np.log(spectrum.power / before.power) ** 2 < 4.0 * _SETTLED:
             break
-    normal = _normal(moments, spectrum)
-    step = normal.solution(_right(moments, spectrum))
-    power = np.maximum(
-        moments.power - 2.0 * moments.right @ step + moments.squares(step), 1e-12 * moments.power
-    )
+    normal, right = normal_equations(moments, spectrum)
+    step = normal.solution(right)
     total = moments.coefficients + step
-    quadratic = float(np.sum(power / spectrum.power) + total @ (moments.penalty * total))
+    left = float(np.sum(moments.left(step) / spectrum.power))
+    quadratic = left + float(total @ (moments.penalty * total))
     logs = float(moments.counts @ np.log(spectrum.power))
     free = moments.penalty <= 0.0
     width = 0.0
     if free.any() and spectrum is not held:
         then = moments.weighted(1.0 / held.power)[np.ix_(free, free)]
-        width = normal.log_det(free) - _Normal.of(then).log_det()
+        width = normal.log_det(free) - Normal.of(then).log_det()
     occam = normal.occam(moments.penalty)
     likelihood = -0.5 * (logs + quadratic + occam + width)
     return Solved(likelihood, spectrum, step, normal.matrix)
@@ -223,7 +223,7 @@ def quick_likelihood(
 
     `weighted` and `right` are the products of all columns with each other and with the torque.
     """
-    normal = _Normal.of(weighted[np.ix_(kept, kept)] + np.diag(penalty[kept]))
+    normal = Normal.of(weighted[np.ix_(kept, kept)] + np.diag(penalty[kept]))
     quadratic = float(right[kept] @ normal.solution(right[kept]))
     return 0.5 * (quadratic - normal.occam(penalty[kept]))
 
@@ -258,7 +258,7 @@ def solve_best(moments: Moments, shapes: Shapes, start: Spectrum, *, rounds: int
 
 
 @dataclass(frozen=True, slots=True)
-class _Normal:
+class Normal:
     """Normal equations: their matrix, one over the root of its diagonal, and its Cholesky factor.
 
     Empty columns have a coefficient of zero.
@@ -269,11 +269,13 @@ class _Normal:
     factor: FloatArray
 
     @classmethod
-    def of(cls, matrix: FloatArray) -> _Normal:
+    def of(cls, matrix: FloatArray) -> Normal:
+        """Return the equations of a matrix."""
         scale = inverse_scale(np.diag(matrix))
         return cls(matrix, scale, _cholesky(matrix, scale))
 
     def solution(self, right: FloatArray) -> FloatArray:
+        """Return the coefficients for a right side."""
         from scipy.linalg.lapack import dpotrs
 
         if not len(right):
@@ -281,6 +283,7 @@ class _Normal:
         return np.asarray(self.scale * dpotrs(self.factor, self.scale * right, lower=1)[0])
 
     def inverse(self) -> FloatArray:
+        """Return the inverse of the matrix; zero for empty columns."""
         from scipy.linalg.lapack import dpotri
 
         if not len(self.scale):
@@ -313,14 +316,13 @@ def _cholesky(matrix: FloatArray, scale: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.cholesky(scaled), dtype=np.float64)
 
 
-def _normal(moments: Moments, spectrum: Spectrum) -> _Normal:
-    matrix = moments.weighted(1.0 / spectrum.power)
+def normal_equations(moments: Moments, spectrum: Spectrum) -> tuple[Normal, FloatArray]:
+    """Return the normal equations of a fit in a noise, and their right side."""
+    weight = 1.0 / spectrum.power
+    matrix = moments.weighted(weight)
     matrix[np.diag_indices_from(matrix)] += moments.penalty
-    return _Normal.of(matrix)
-
-
-def _right(moments: Moments, spectrum: Spectrum) -> FloatArray:
-    return (1.0 / spectrum.power) @ moments.right - moments.penalty * moments.coefficients
+    right = weight @ moments.right - moments.penalty * moments.coefficients
+    return Normal.of(matrix), right
 
 
 def inverse_scale(diagonal: FloatArray) -> FloatArray:

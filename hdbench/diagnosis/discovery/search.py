@@ -223,7 +223,7 @@ class Search:
             if not found:
                 break
             before = self.fit.bands.power(self.fit.residual).sum()
-            self.accept((replace(found[0], joined=None),))
+            self.accept(_unjoined(found))
             # further ones explain less
             if self.explained(before) < self.least_share:
                 break

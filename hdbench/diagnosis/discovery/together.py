@@ -149,7 +149,7 @@ def _likelihoods(fit: Fit, moments: Moments, rounds: int) -> FloatArray:
     """Return the log likelihood of each record with coefficients and noise fitted anew, nats."""
     solved = solve_best(moments, fit.shapes, fit.spectrum, rounds=rounds)
     noise = solved.spectrum.power
-    nats = -0.5 * (moments.counts * np.log(noise) + moments.left(solved.step)[0] / noise)
+    nats = -0.5 * (moments.counts * np.log(noise) + moments.left(solved.step) / noise)
     ends = np.searchsorted(fit.bands.edges, [at.stop for at in coefficients_of(fit)])
     return np.diff(np.concatenate([[0.0], np.cumsum(nats)[ends - 1]]))
 

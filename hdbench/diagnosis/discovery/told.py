@@ -369,8 +369,7 @@ def mean_square(fit: Fit, parts: set[int]) -> float:
     dropped = ~np.isin(fit.owner, list(parts)) | ~fit.active
     moments = fit.all_moments().without(dropped)
     step = solve(moments, fit.shapes, fit.spectrum, rounds=0).step
-    power = moments.power - 2.0 * moments.right @ step + moments.squares(step)
-    return float(max(power.sum(), 1e-300)) / len(fit.record)
+    return float(max(moments.left(step).sum(), 1e-300)) / len(fit.record)
 
 
 def shares_of(fit: Fit, base: set[int], variance: float) -> dict[int, float]:

@@ -70,8 +70,10 @@ def faults_of_residual(
     rough = _speed_noise(residual_nm, whitened_residual, kept, motion)
     if rough is None:
         return ResidualFaults(tuple(faults), spikes)
-    faults += [rough[0]] if rough[0] else []
-    return ResidualFaults(tuple(faults), spikes, rough[1])
+    fault, variance = rough
+    if fault is not None:
+        faults.append(fault)
+    return ResidualFaults(tuple(faults), spikes, variance)
 
 
 def _spiky(

@@ -264,6 +264,8 @@ def _shapes(effect: Effect, frame: Frame) -> list[Shape]:
 
 def _needed(cause: Cause, frame: Frame, names: int) -> float:
     """Return how many standard deviations an effect needs to be found among so many names."""
+    from scipy.special import ndtri
+
     # ten independent trials along each shape that is no place on an axis
     trials = names * 10.0 ** len(cause.shape)
     key = line_key(cause)
@@ -272,8 +274,6 @@ def _needed(cause: Cause, frame: Frame, names: int) -> float:
         trials = names * max(1.0, 2.0 * line_length(frame, key) * width)
     # 1 % for any finding on a record without effects, 90 % to find one, as in the diagnosis
     level = chi2_level(0.01 / trials, max(1, len(cause.linear)))
-    from scipy.special import ndtri
-
     return float(np.sqrt(level) + ndtri(0.9))
 
 
