@@ -116,8 +116,9 @@ def test_nothing_is_asked_of_a_device_that_cannot_be_trusted(folder, certificate
 
 def test_a_plain_modbus_server_is_no_secure_one(folder):
     watch = Stopwatch()
+    refusal = bytes.fromhex("0001 0000 0003 01 83 01")  # whatever the greeting is taken for
     with (
-        rogue(lambda connection, frame: connection.sendall(adu(frame, b"\x83\1"))) as (_, port, _),
+        rogue(lambda connection, frame: connection.sendall(refusal)) as (_, port, _),
         pytest.raises(FrameError),
     ):
         _read(port, _files(folder), deadline_s=0.5)
