@@ -22,7 +22,7 @@ from hdbench.model.declared import (
     cause_of,
 )
 from hdbench.model.definition import Cause
-from hdbench.profile.loader import key_text, problem, said_elsewhere
+from hdbench.profile.loader import file_problem, key_text, problem, said, said_elsewhere
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text, tuples
 
 _HELP = "docs/causes.md lists keys, units and domains"
@@ -80,7 +80,7 @@ def declared_cause(definition: Mapping[str, Any], *, where: str) -> Cause:
         first = error.errors(include_url=False)[0]
         key = key_text(_key(first))
         raise DataError(
-            f"key {key!r}: {_needed(first)}",
+            f"key {key!r}: {said(first)}",
             where=where,
             fix=f"correct the declaration ({_HELP})",
         ) from None
@@ -91,30 +91,17 @@ def _key(error: Mapping[str, Any]) -> Key:
     return tuple(part for part in error["loc"] if part not in _SPECS)
 
 
-def _needed(error: Mapping[str, Any]) -> str:
-    words = str(error["msg"]).removeprefix("Value error, ")
-    if isinstance(error["input"], dict) or error["type"] == "value_error":
-        return words
-    return f"found {error['input']!r}; {words}"
-
-
 def _entry(path: str, lines: Mapping[Key, int], error: Mapping[str, Any]) -> ProfileError:
     """Return one finding of pydantic with file, line and key."""
     key, kind = _key(error), str(error["type"])
-    if kind == "missing":
-        return problem(path, lines, key, "missing", f"add {key[-1]} = ... ({_HELP})")
     if kind == "union_tag_not_found":
         fix = f"add kind = ..., one of {', '.join(_SPECS)} ({_HELP})"
         return problem(path, lines, (*key, "kind"), "missing", fix)
     if kind == "union_tag_invalid":
         words = f"found {error['input'].get('kind')!r}; needed: one of {', '.join(_SPECS)}"
         return problem(path, lines, (*key, "kind"), words, f"correct the value ({_HELP})")
-    if kind == "extra_forbidden":
-        spec = next((_SPECS[part] for part in error["loc"] if part in _SPECS), CauseFile)
-        near = difflib.get_close_matches(str(key[-1]), spec.model_fields, n=1)
-        fix = f"did you mean {near[0]!r}?" if near else f"take it out ({_HELP})"
-        return problem(path, lines, key, "unknown", fix)
-    return problem(path, lines, key, _needed(error), f"correct the value ({_HELP})")
+    spec = next((_SPECS[part] for part in error["loc"] if part in _SPECS), CauseFile)
+    return file_problem(path, lines, key, error, known=spec.model_fields, help_text=_HELP)
 
 
 def _taken(path: str, lines: Mapping[Key, int], specs: Iterable[Spec]) -> Iterable[ProfileError]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import math
 from collections.abc import Callable, Mapping
@@ -10,7 +9,6 @@ from dataclasses import dataclass
 from functools import reduce
 from importlib import resources
 from operator import or_
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
 
 import numpy as np
@@ -24,11 +22,10 @@ from pydantic import (
     model_validator,
 )
 
-from hdbench.errors import ProfileError
 from hdbench.plant.effects import EFFECT_KINDS, Effect
-from hdbench.profile.loader import all_problems, problem
+from hdbench.profile.loader import all_problems, file_problem, named_files, named_text
 from hdbench.profile.tables import NonNegative, Table
-from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
+from hdbench.profile.toml_text import Key, key_lines, read_toml
 
 
 class Draw(Table):
@@ -170,7 +167,8 @@ class PlantFile(Table):
         return self
 
 
-_PACKAGE = "hdbench_profiles"
+_PLANTS = resources.files("hdbench_profiles") / "plants"
+_HELP = "docs/plant.md lists keys, units and domains"
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,58 +186,28 @@ class PlantSpec:
 
 def list_plants() -> tuple[str, ...]:
     """Return the names of the plants that come with the package, sorted."""
-    files = (resources.files(_PACKAGE) / "plants").iterdir()
-    return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".toml")))
+    return named_files(_PLANTS)
 
 
 def load_plant(name_or_path: str) -> PlantSpec:
     """Return a plant by name or from a file."""
-    text = _read(name_or_path)
-    raw = read_toml(text, name_or_path)
+    text, path = named_text(name_or_path, _PLANTS, "plant")
+    raw = read_toml(text, path)
     try:
         data = PlantFile.model_validate(raw)
     except ValidationError as error:
-        lines = key_lines(text)
-        found = [_problem(name_or_path, lines, one) for one in error.errors(include_url=False)]
-        raise (found[0] if len(found) == 1 else all_problems(name_or_path, found)) from None
+        lines, known = key_lines(text), _known_keys()
+        found = [
+            file_problem(path, lines, _key(one), one, known=known, help_text=_HELP)
+            for one in error.errors(include_url=False)
+        ]
+        raise (found[0] if len(found) == 1 else all_problems(path, found)) from None
     return PlantSpec(data, hashlib.sha256(text.encode()).hexdigest())
 
 
-def _read(name_or_path: str) -> str:
-    """Return the text of a plant."""
-    plants, path = list_plants(), Path(name_or_path)
-    if name_or_path in plants:
-        resource = resources.files(_PACKAGE) / "plants" / f"{name_or_path}.toml"
-        return resource.read_text(encoding="utf-8")
-    near = difflib.get_close_matches(name_or_path, plants, n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    fix = f"{hint}name a TOML file or a built-in plant: {', '.join(plants)}"
-    if not path.exists():
-        raise ProfileError("no such plant", where=name_or_path, fix=fix)
-    return toml_text(path, fix)
-
-
-def _problem(source: str, lines: Mapping[Key, int], error: Mapping[str, Any]) -> ProfileError:
-    """Return one finding of pydantic with file, line and key."""
-    kind = str(error["type"])
-    # pydantic names the kind of an effect as a part of the path, which the file does not have
-    key: Key = tuple(
-        part for i, part in enumerate(error["loc"]) if not (i == 2 and error["loc"][0] == "effects")
-    )
-    if kind == "missing":
-        return problem(source, lines, key, "missing", f"add {key[-1]} = ... ({_HELP})")
-    if kind == "extra_forbidden":
-        near = difflib.get_close_matches(str(key[-1]), _known_keys(), n=1)
-        fix = f"did you mean {near[0]!r}?" if near else f"take it out ({_HELP})"
-        return problem(source, lines, key, "unknown", fix)
-    while key and key not in lines:
-        key = key[:-1]
-    needed = str(error["msg"]).removeprefix("Value error, ")
-    found = "" if isinstance(error["input"], dict) else f"found {error['input']!r}; "
-    return problem(source, lines, key, f"{found}{needed}", f"correct the value ({_HELP})")
-
-
-_HELP = "docs/plant.md lists keys, units and domains"
+def _key(error: Mapping[str, Any]) -> Key:
+    """Return the key of a finding; pydantic puts the kind of an effect into its path."""
+    return tuple(part for part in error["loc"] if part not in EFFECT_KINDS)
 
 
 def _known_keys() -> list[str]:

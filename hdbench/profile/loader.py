@@ -6,10 +6,11 @@ import difflib
 import hashlib
 import json
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, time
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -171,7 +172,34 @@ def schema_problems(
     return [problem(path, lines, key, what, fix)]
 
 
-_PACKAGE = "hdbench_profiles"
+def file_problem(
+    path: str,
+    lines: Mapping[Key, int],
+    key: Key,
+    error: Mapping[str, Any],
+    *,
+    known: Iterable[str],
+    help_text: str,
+) -> ProfileError:
+    """Return one finding of pydantic in a TOML file that is no profile."""
+    if error["type"] == "missing":
+        return problem(path, lines, key, "missing", f"add {key[-1]} = ... ({help_text})")
+    if error["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(key[-1]), known, n=1)
+        fix = f"did you mean {near[0]!r}?" if near else f"take it out ({help_text})"
+        return problem(path, lines, key, "unknown", fix)
+    return problem(path, lines, key, said(error), f"correct the value ({help_text})")
+
+
+def said(error: Mapping[str, Any]) -> str:
+    """Return what pydantic says of a value, with the value where it does not name it."""
+    words = str(error["msg"]).removeprefix("Value error, ")
+    if isinstance(error["input"], dict) or error["type"] == "value_error":
+        return words
+    return f"found {error['input']!r}; {words}"
+
+
+_PROFILES = resources.files("hdbench_profiles")
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,8 +249,26 @@ def list_profiles() -> tuple[str, ...]:
     -------
     tuple of str
     """
-    files = resources.files(_PACKAGE).iterdir()
-    return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".toml")))
+    return named_files(_PROFILES)
+
+
+def named_files(folder: Traversable) -> tuple[str, ...]:
+    """Return the names of the TOML files in a folder of the package, sorted."""
+    files = (file.name for file in folder.iterdir())
+    return tuple(sorted(name[:-5] for name in files if name.endswith(".toml")))
+
+
+def named_text(name_or_path: str, folder: Traversable, what: str) -> tuple[str, str]:
+    """Return text and place of a file of the package by its name, or of any file by its path."""
+    names = named_files(folder)
+    if name_or_path in names:
+        resource = folder / f"{name_or_path}.toml"
+        return resource.read_text(encoding="utf-8"), str(resource)
+    path = Path(name_or_path)
+    near = difflib.get_close_matches(path.stem, names, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    fix = f"{hint}name a TOML file or a built-in {what}: {', '.join(names)}"
+    return toml_text(path, fix, what), str(path)
 
 
 def load_profile(name_or_path: str) -> Profile:
@@ -242,15 +288,7 @@ def load_profile(name_or_path: str) -> Profile:
     ProfileError
         If there is no such profile, or it is invalid; then ``problems`` holds every problem.
     """
-    if name_or_path in list_profiles():
-        resource = resources.files(_PACKAGE) / f"{name_or_path}.toml"
-        return parse_profile(resource.read_text(encoding="utf-8"), str(resource))
-    path = Path(name_or_path)
-    near = difflib.get_close_matches(path.stem, list_profiles(), n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    names = ", ".join(list_profiles())
-    text = toml_text(path, f"{hint}name a TOML file or a built-in profile: {names}")
-    return parse_profile(text, str(path))
+    return parse_profile(*named_text(name_or_path, _PROFILES, "profile"))
 
 
 def check_profiles(names: Sequence[str]) -> tuple[Profile, ...]:

@@ -33,10 +33,10 @@ _TOKEN = re.compile(
 _PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
 
 
-def toml_text(path: Path, fix: str) -> str:
+def toml_text(path: Path, fix: str, what: str = "profile") -> str:
     """Read a TOML file as text; `fix` is what to do where there is none."""
     try:
-        raw = file_bytes(path, limit=_LIMIT_BYTES, what="profile", missing=fix)
+        raw = file_bytes(path, limit=_LIMIT_BYTES, what=what, missing=fix)
     except DataError as error:
         raise ProfileError(error.what, where=error.where, fix=error.fix) from error
     try:
