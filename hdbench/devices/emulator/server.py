@@ -10,30 +10,19 @@ import struct
 from abc import ABC, abstractmethod
 from typing import Any, Literal
 
-from hdbench.devices.pymodbusparts import (
-    CommParams,
-    CommType,
-    DataType,
-    DecodePDU,
-    FramerType,
-    ModbusBaseServer,
-    ModbusException,
-    ServerRequestHandler,
-    SimData,
-    SimDevice,
-)
+from hdbench.devices import pymodbusparts as pm
 from hdbench.devices.registers import Space
 from hdbench.system.lines import PseudoTerminal
 
 Wire = Literal["tcp", "udp", "rtu", "rtu+tcp", "ascii"]
 """What an emulated device speaks; ``rtu`` and ``ascii`` on a pseudo-terminal."""
 
-_WIRES: dict[Wire, tuple[CommType, FramerType]] = {
-    "tcp": (CommType.TCP, FramerType.SOCKET),
-    "udp": (CommType.UDP, FramerType.SOCKET),
-    "rtu": (CommType.SERIAL, FramerType.RTU),
-    "rtu+tcp": (CommType.TCP, FramerType.RTU),
-    "ascii": (CommType.SERIAL, FramerType.ASCII),
+_WIRES: dict[Wire, tuple[pm.CommType, pm.FramerType]] = {
+    "tcp": (pm.CommType.TCP, pm.FramerType.SOCKET),
+    "udp": (pm.CommType.UDP, pm.FramerType.SOCKET),
+    "rtu": (pm.CommType.SERIAL, pm.FramerType.RTU),
+    "rtu+tcp": (pm.CommType.TCP, pm.FramerType.RTU),
+    "ascii": (pm.CommType.SERIAL, pm.FramerType.ASCII),
 }
 _SPACES: dict[int, Space] = {
     1: "coil", 2: "discrete", 3: "holding", 4: "input",
@@ -44,7 +33,7 @@ _READS = (1, 2, 3, 4)
 _VALUES_AT = {5: 3, 6: 3, 16: 6, 23: 10}
 _MAX_WRITTEN = 123
 _ILLEGAL_FUNCTION, _ILLEGAL_VALUE = 1, 3
-_DECODER = DecodePDU(True)
+_DECODER = pm.DecodePDU(True)
 _HEADER = struct.Struct(">HH")
 # wall-clock grain of watchdogs, real-time samples and motion, s
 _TICK_S = 0.005
@@ -208,19 +197,19 @@ class ModbusServer:
         self._timer = loop.call_later(_TICK_S, self._tick, loop)
 
 
-class _Listener(ModbusBaseServer):
+class _Listener(pm.ModbusBaseServer):
     """What hosts connect to."""
 
     def __init__(self, device: Device, wire: Wire, host: str, port: int) -> None:
         kind, framer = _WIRES[wire]
         # pymodbus wants a data store of its own; nothing asks it
-        store = SimDevice(0, [SimData(0, values=[0], datatype=DataType.REGISTERS)])
-        place = CommParams(comm_type=kind, comm_name="emulator", source_address=(host, port))
+        store = pm.SimDevice(0, [pm.SimData(0, values=[0], datatype=pm.DataType.REGISTERS)])
+        place = pm.CommParams(comm_type=kind, comm_name="emulator", source_address=(host, port))
         super().__init__(place, store, True, False, None, framer, None, None, None, None)
         self.device = device
         self.wire = wire
         self.numbers = itertools.count(1)
-        if kind == CommType.SERIAL:
+        if kind == pm.CommType.SERIAL:
             self.call_create = self._terminal
 
     async def open(self) -> str:
@@ -254,7 +243,7 @@ class _Listener(ModbusBaseServer):
         return _Terminal(connection), connection
 
 
-class _Connection(ServerRequestHandler):
+class _Connection(pm.ServerRequestHandler):
     """One host."""
 
     def __init__(self, owner: _Listener) -> None:
@@ -318,7 +307,7 @@ class _Connection(ServerRequestHandler):
                     return len(data)
             try:
                 size, unit, transaction, pdu = decode(rest)
-            except (ModbusException, ValueError):
+            except (pm.ModbusException, ValueError):
                 # nothing that a request begins with
                 return len(data)
             if not size:

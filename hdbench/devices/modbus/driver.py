@@ -31,7 +31,7 @@ from hdbench.devices.modbus.layout import (
 )
 from hdbench.devices.modbus.outputs import Outputs, output_step_v
 from hdbench.devices.registers import Register, encode
-from hdbench.devices.wire.address import parse_address, serial_settings
+from hdbench.devices.wire.address import address_of, serial_settings
 from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusWrite
 from hdbench.profile.schema import ProfileData
@@ -44,20 +44,6 @@ _ENVELOPE = 3
 _MIN_RATE_HZ = 1.0 / 600.0
 # while readings are taken, the watchdog's state is looked at this often, s
 _LOOK_S = 0.1
-
-
-def describe_abilities(table: ModbusAcquisition) -> Capabilities:
-    """Return the abilities."""
-    output = table.output
-    dog = None if output is None else output.watchdog
-    return Capabilities(
-        inputs=tuple(input_info(table, channel) for channel in table.channels),
-        max_rates_hz=max_rates_hz(table),
-        min_rate_hz=_MIN_RATE_HZ,
-        reference=output is not None,
-        enable=output is not None and output.enable is not None,
-        watchdog=None if dog is None else WatchdogInfo(dog.min_s, dog.max_s, dog.fed_by, dog.drops),
-    )
 
 
 def max_rates_hz(table: ModbusAcquisition) -> tuple[float, ...]:
@@ -85,7 +71,7 @@ def exchange_s(table: ModbusAcquisition, data_bytes: int) -> float:
     sent, received = _REQUEST + _ENVELOPE, _REPLY_HEAD + data_bytes + _ENVELOPE
     line, wire_s = None if table.serial is None else serial_settings(table.serial), 0.0
     if table.address != "embedded":
-        address = parse_address(table.address, line, default_port=502)
+        address = address_of(table, default_port=502)
         line = address.serial if address.is_line else None
         if address.scheme == "ascii":
             # two characters for a byte, a shorter checksum, and what frames them
@@ -148,7 +134,17 @@ class ModbusDaq(DeviceBase[Polling]):
 
     def capabilities(self) -> Capabilities:
         """Return what the device can do as the profile describes it."""
-        return describe_abilities(self._table)
+        table, output = self._table, self._table.output
+        dog = None if output is None else output.watchdog
+        info = None if dog is None else WatchdogInfo(dog.min_s, dog.max_s, dog.fed_by, dog.drops)
+        return Capabilities(
+            inputs=tuple(input_info(table, channel) for channel in table.channels),
+            max_rates_hz=max_rates_hz(table),
+            min_rate_hz=_MIN_RATE_HZ,
+            reference=output is not None,
+            enable=output is not None and output.enable is not None,
+            watchdog=info,
+        )
 
     def configure(self, settings: DaqSettings) -> float:
         """Make the outputs safe, write settings that differ, and return the sample period, s."""
@@ -203,8 +199,7 @@ def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     # pymodbus is loaded by those who open such a device alone
     from hdbench.devices.modbus.replies import polled_link
 
-    given = None if table.serial is None else serial_settings(table.serial)
-    address = parse_address(table.address, given, default_port=502)
+    address = address_of(table, default_port=502)
     if not address.is_numbered:
         _check_deadline(table)
     probe = make_probe(table)
@@ -242,7 +237,6 @@ def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | Non
     if table.output is None:
         return None
     output = table.output
-    given = None if table.serial is None else serial_settings(table.serial)
     place = place_of(table, output)
     back = place if output.read_back is None else place_of(table, output.read_back)
     zero, scale = -output.offset / output.scale, abs(output.scale)
@@ -252,9 +246,10 @@ def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | Non
         line, off = place_of(table, output.enable), float(output.enable.off)
         finals.append(write_request(line, off))
         final_looks.append(_look(line, "enable line", off, off))
-    address = parse_address(table.address, given, default_port=502)
     return Target(
-        target_at(address, table.unit, table.tls, rest_s=table.min_gap_s),
+        target_at(
+            address_of(table, default_port=502), table.unit, table.tls, rest_s=table.min_gap_s
+        ),
         acts=(write_request(place, zero, output.function),),
         looks=(_look(back, "motor reference, steps", zero - spread, zero + spread),),
         identity=tuple(

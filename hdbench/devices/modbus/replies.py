@@ -13,18 +13,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from hdbench.devices.pymodbusparts import (
-    CommParams,
-    DecodePDU,
-    FramerAscii,
-    FramerBase,
-    FramerRTU,
-    FramerSocket,
-    FramerType,
-    ModbusBaseSyncClient,
-    ModbusException,
-    ModbusPDU,
-)
+from hdbench.devices import pymodbusparts as pm
 from hdbench.devices.wire.address import Address, dial
 from hdbench.devices.wire.link import FrameError, Link, Probe, ReplyCheck
 from hdbench.devices.wire.rtu import RtuLink
@@ -36,10 +25,10 @@ _INCOMPLETE = (0, 0, 0, b"")
 # longest frame of the ASCII form: colon, 2 x 255 characters, end of line
 _LONGEST_ASCII = 513
 # the deadline of a call is that of the line
-_UNLIMITED = CommParams(comm_name="hdbench", timeout_connect=math.inf)
+_UNLIMITED = pm.CommParams(comm_name="hdbench", timeout_connect=math.inf)
 
 
-class _Bytes(ModbusPDU):
+class _Bytes(pm.ModbusPDU):
     """A request or a reply as bytes: nothing is taken apart here."""
 
     data = b""
@@ -48,7 +37,7 @@ class _Bytes(ModbusPDU):
         return self.data
 
 
-class _Decoder(DecodePDU):
+class _Decoder(pm.DecodePDU):
     """Lets one reply through: the one that the pending request allows."""
 
     check: ReplyCheck
@@ -58,13 +47,13 @@ class _Decoder(DecodePDU):
         super().__init__(False)
         self._reply = _Bytes()
 
-    def decode(self, frame: bytes) -> ModbusPDU:
+    def decode(self, frame: bytes) -> pm.ModbusPDU:
         self.check(frame)
         self._reply.data = frame
         return self._reply
 
 
-class _Framer(FramerBase):
+class _Framer(pm.FramerBase):
     """What the strict framers share: unit of the pending request, what came behind its reply."""
 
     unit = 0
@@ -76,7 +65,7 @@ class _Framer(FramerBase):
             raise FrameError(f"unit {unit} answers; needed: {self.unit}")
 
 
-class _Socket(_Framer, FramerSocket):
+class _Socket(_Framer, pm.FramerSocket):
     """Modbus TCP and UDP; pymodbus itself drops whole replies of other transactions and units."""
 
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
@@ -93,7 +82,7 @@ class _Socket(_Framer, FramerSocket):
         return 6 + length, data[6], number, data[7 : 6 + length]
 
 
-class _Rtu(_Framer, FramerRTU):
+class _Rtu(_Framer, pm.FramerRTU):
     """Modbus RTU; a frame begins with the first character that comes."""
 
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
@@ -113,7 +102,7 @@ class _Rtu(_Framer, FramerRTU):
         return size, data[0], 0, data[1 : size - 2]
 
 
-class _Ascii(_Framer, FramerAscii):
+class _Ascii(_Framer, pm.FramerAscii):
     """Modbus ASCII; a frame begins with the first character that comes."""
 
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
@@ -131,14 +120,14 @@ class _Ascii(_Framer, FramerAscii):
         return end, unit, 0, pdu
 
 
-_FRAMERS: dict[FramerType, type[_Framer]] = {
-    FramerType.SOCKET: _Socket,
-    FramerType.RTU: _Rtu,
-    FramerType.ASCII: _Ascii,
+_FRAMERS: dict[pm.FramerType, type[_Framer]] = {
+    pm.FramerType.SOCKET: _Socket,
+    pm.FramerType.RTU: _Rtu,
+    pm.FramerType.ASCII: _Ascii,
 }
 
 
-class StrictClient(ModbusBaseSyncClient):
+class StrictClient(pm.ModbusBaseSyncClient):
     """Makes one transaction at a time on a line that somebody else opens, watches and closes.
 
     Parameters
@@ -150,7 +139,7 @@ class StrictClient(ModbusBaseSyncClient):
     """
 
     def __init__(self, form: str, unit: int) -> None:
-        kind = FramerType(form)
+        kind = pm.FramerType(form)
         super().__init__(kind, 0, _UNLIMITED, None, None, None)
         self._decoder = _Decoder()
         self._strict = _FRAMERS[kind](self._decoder)
@@ -173,7 +162,7 @@ class StrictClient(ModbusBaseSyncClient):
         self._request.function_code, self._request.data = pdu[0], pdu[1:]
         try:
             reply: Any = self.execute(False, self._request)
-        except (ModbusException, ValueError) as error:
+        except (pm.ModbusException, ValueError) as error:
             raise FrameError(str(error)) from error
         data: bytes = reply.data
         return data

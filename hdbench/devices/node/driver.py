@@ -29,7 +29,7 @@ from hdbench.devices.node.blocks import BlockReader
 from hdbench.devices.registers import Value, decode_group
 from hdbench.devices.safestate import STANDSTILL_RAD_S, Seen, reach_safe_state
 from hdbench.devices.transactor import was_answered
-from hdbench.devices.wire.address import Address, SerialSettings, parse_address, serial_settings
+from hdbench.devices.wire.address import Address, address_of, parse_address
 from hdbench.devices.wire.link import connect, read_registers, write_register
 from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
 from hdbench.profile.acquiring import NodeAcquisition
@@ -305,8 +305,7 @@ def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
 
 def node_address(table: NodeAcquisition) -> Address:
     """Return the parsed address of a table with its serial settings."""
-    serial = serial_settings(table.serial) if table.serial else SerialSettings()
-    address = parse_address(table.address, serial)
+    address = address_of(table)
     if address.scheme not in ("tcp", "tls", "rtu"):
         raise UsageError(
             f"{table.address[:80]!r}: a node is reached by tcp://HOST:PORT, tls:// or rtu://",

@@ -15,7 +15,7 @@ from hdbench.errors import DeviceError, UsageError
 from hdbench.system.lines import is_port
 
 if TYPE_CHECKING:
-    from hdbench.profile.acquiring_table import SerialLine
+    from hdbench.profile.acquiring_table import Acquisition, SerialLine
 
 NETWORK = re.compile(
     r"(?P<scheme>tcp|tls|udp|rtu\+tcp)://(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[A-Za-z0-9._-]+)"
@@ -218,6 +218,13 @@ def serial_settings(line: SerialLine) -> SerialSettings:
     return SerialSettings(
         line.baud_bd, _PARITIES[line.parity], line.stop_bits, line.gap_s, line.data_bits
     )
+
+
+def address_of(table: Acquisition, *, default_port: int | None = None) -> Address:
+    """Return the address of a table, with the settings of its serial line."""
+    line: SerialLine | None = getattr(table, "serial", None)
+    given = None if line is None else serial_settings(line)
+    return parse_address(table.address, given, default_port=default_port)
 
 
 def parse_address(

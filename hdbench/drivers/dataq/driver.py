@@ -18,19 +18,8 @@ from hdbench.devices.daq import (
     ScanBlock,
     clean_text,
 )
+from hdbench.drivers.dataq import scans
 from hdbench.drivers.dataq.port import Commands, Port, port_path
-from hdbench.drivers.dataq.scans import (
-    MODELS,
-    WRAP,
-    Acquisition,
-    ScanPlan,
-    StreamFault,
-    choose_rate,
-    highest_rate_hz,
-    lowest_rate_hz,
-    packet_code,
-    plan_scan,
-)
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
 from hdbench.errors import DeviceError
 from hdbench.profile.schema import ProfileData
@@ -48,7 +37,7 @@ def check_identity(commands: Commands, table: DataqAcquisition) -> Identity:
     """
     vendor, model = _agreed(commands, _VENDOR), _agreed(commands, _MODEL)
     serial = _agreed(commands, _SERIAL)[:_DIGITS]
-    wanted = MODELS[table.model].number
+    wanted = scans.MODELS[table.model].number
     if vendor != "DATAQ" or model.removeprefix("DI-").upper() != wanted:
         raise DeviceError(
             f"{vendor[:20]!r} {model[:20]!r} answers; needed: DATAQ {wanted}",
@@ -92,21 +81,9 @@ def _version(text: str) -> str:
         return text
 
 
-def describe_abilities(table: DataqAcquisition) -> Capabilities:
-    """Return the abilities."""
-    model = MODELS[table.model]
-    roles = tuple(channel.role for channel in table.channels)
-    entries = len(plan_scan(table, roles).words)
-    return Capabilities(
-        inputs=tuple(_input(channel, model.bits) for channel in table.channels),
-        max_rates_hz=max_rates_hz(table),
-        min_rate_hz=lowest_rate_hz(model, entries),
-    )
-
-
 def _input(channel: DataqChannel, bits: int) -> InputInfo:
     if channel.input == "counter":
-        return InputInfo(channel.role, 0.0, WRAP - 1.0, 32, WRAP)
+        return InputInfo(channel.role, 0.0, scans.WRAP - 1.0, 32, scans.WRAP)
     end = channel.range_v * abs(channel.scale)
     return InputInfo(channel.role, -end, end, bits)
 
@@ -115,8 +92,10 @@ def max_rates_hz(table: DataqAcquisition) -> tuple[float, ...]:
     """Return the highest rate with the first 1, 2, ... channels, Hz, the mark included."""
     roles = tuple(channel.role for channel in table.channels)
     return tuple(
-        highest_rate_hz(
-            MODELS[table.model], len(plan_scan(table, roles[:count]).words), table.average
+        scans.highest_rate_hz(
+            scans.MODELS[table.model],
+            len(scans.plan_scan(table, roles[:count]).words),
+            table.average,
         )
         for count in range(1, len(roles) + 1)
     )
@@ -128,7 +107,7 @@ _LOOK_SCANS = 8
 _LOOK_S = 0.5
 
 
-class DataqDaq(DeviceBase[Acquisition]):
+class DataqDaq(DeviceBase[scans.Acquisition]):
     """Driver of one instrument; implements `hdbench.devices.daq.Daq`.
 
     No model has an analog output, so this driver drives nothing: it is the inputs of a composite,
@@ -144,13 +123,19 @@ class DataqDaq(DeviceBase[Acquisition]):
 
     def capabilities(self) -> Capabilities:
         """Return what the instrument can do as the profile wires it."""
-        return describe_abilities(self._table)
+        table, model = self._table, scans.MODELS[self._table.model]
+        entries = len(scans.plan_scan(table, tuple(c.role for c in table.channels)).words)
+        return Capabilities(
+            inputs=tuple(_input(channel, model.bits) for channel in table.channels),
+            max_rates_hz=max_rates_hz(table),
+            min_rate_hz=scans.lowest_rate_hz(model, entries),
+        )
 
     def configure(self, settings: DaqSettings) -> float:
         """Send scan list, rate and packet size, and return the actual sample period, s."""
         self.identity()
         self._acquisition = None
-        plan = plan_scan(self._table, settings.roles)
+        plan = scans.plan_scan(self._table, settings.roles)
         encoder = self._encoder(settings.roles)
         self._acquisition = self._set_up(
             plan, settings.sample_period_s, self._table.average, settings.n_samples, encoder
@@ -169,7 +154,7 @@ class DataqDaq(DeviceBase[Acquisition]):
         acquisition = self._running()
         try:
             block = acquisition.next_block(self._commands.port)
-        except StreamFault as fault:
+        except scans.StreamFault as fault:
             self._broken(acquisition, str(fault))
         if acquisition.complete and not acquisition.stopped:
             self._be_quiet()
@@ -191,7 +176,7 @@ class DataqDaq(DeviceBase[Acquisition]):
             return {}
         # a counter says nothing without the counts before
         roles = tuple(c.role for c in self._table.channels if c.role != "encoder")
-        plan = plan_scan(self._table, roles)
+        plan = scans.plan_scan(self._table, roles)
         # the instrument is configured anew before the next acquisition
         self._acquisition = None
         look = self._set_up(plan, self._look_period_s(len(plan.words)), 1, _LOOK_SCANS)
@@ -210,17 +195,17 @@ class DataqDaq(DeviceBase[Acquisition]):
 
     def _set_up(
         self,
-        plan: ScanPlan,
+        plan: scans.ScanPlan,
         period_s: float,
         average: int,
         n_samples: int,
         encoder: tuple[int, int] | None = None,
-    ) -> Acquisition:
+    ) -> scans.Acquisition:
         """Send every setting to the quiet instrument; each is echoed as it was sent."""
         self._be_quiet()
-        model, entries = MODELS[self._table.model], len(plan.words)
-        rate = choose_rate(model, entries, period_s, average)
-        code = packet_code(entries, rate.period_s)
+        model, entries = scans.MODELS[self._table.model], len(plan.words)
+        rate = scans.choose_rate(model, entries, period_s, average)
+        code = scans.packet_code(entries, rate.period_s)
         lines = [f"ps {code}", "encode 0"]
         lines += [f"slist {position} {word}" for position, word in enumerate(plan.words)]
         lines.append(f"srate {rate.srate}")
@@ -231,7 +216,7 @@ class DataqDaq(DeviceBase[Acquisition]):
         for line in lines:
             self._commands.set(line)
         packet_s = (16 << code) / plan.scan_bytes * rate.period_s
-        return Acquisition(plan, rate.period_s, packet_s, n_samples, encoder=encoder)
+        return scans.Acquisition(plan, rate.period_s, packet_s, n_samples, encoder=encoder)
 
     def _encoder(self, roles: tuple[Role, ...]) -> tuple[int, int] | None:
         """Return counts per edge and the tacho's channel, where an encoder is sampled."""
@@ -246,18 +231,18 @@ class DataqDaq(DeviceBase[Acquisition]):
 
     def _look_period_s(self, entries: int) -> float:
         """Return a period that the model has, near that of a short stream."""
-        model = MODELS[self._table.model]
+        model = scans.MODELS[self._table.model]
         srate = max(model.shortest(entries), round(model.clock_hz(entries) * _LOOK_PERIOD_S))
         return min(srate, model.srate_max) / model.clock_hz(entries)
 
-    def _mean_of(self, look: Acquisition, roles: tuple[Role, ...]) -> dict[Role, float]:
+    def _mean_of(self, look: scans.Acquisition, roles: tuple[Role, ...]) -> dict[Role, float]:
         """Return the mean of the stream's scans; empty where too few came in time."""
         until_s = time.monotonic() + _LOOK_S
         values = []
         while not look.complete and time.monotonic() < until_s:
             try:
                 block = look.next_block(self._commands.port)
-            except StreamFault as fault:
+            except scans.StreamFault as fault:
                 raise self.error(str(fault), _STEP) from fault
             if block is not None:
                 values.append(block.values)
@@ -274,7 +259,7 @@ class DataqDaq(DeviceBase[Acquisition]):
         self._quiet = True
         return left
 
-    def _broken(self, acquisition: Acquisition, what: str) -> NoReturn:
+    def _broken(self, acquisition: scans.Acquisition, what: str) -> NoReturn:
         """Raise what has ended the stream."""
         done = f"after {acquisition.delivered} scans"
         if acquisition.overflowed:
@@ -304,7 +289,7 @@ def dataq_rate_hz(table: DataqAcquisition) -> float:
 
 def verify(table: DataqAcquisition) -> None:
     """Refuse what the model does not have."""
-    plan_scan(table, tuple(channel.role for channel in table.channels))
+    scans.plan_scan(table, tuple(channel.role for channel in table.channels))
 
 
 def probe(path: str) -> str:

@@ -53,9 +53,6 @@ def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Requ
     return request, ReplyForm(bytes((FUNCTION,)), size)
 
 
-_MAX_REGISTERS = 120
-
-
 class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
     """The device refused a request."""
 
@@ -77,22 +74,16 @@ class Control(Transactor):
 
     def read_block(self, registers: Sequence[Register]) -> list[float | int]:
         """Return the values of adjacent registers, by function 3."""
-        values: list[float | int] = []
-        for part in _parts(registers):
-            count = sum(register.size for register in part)
-            request = read_registers(part[0].address, count)
-            values += decoded(part, self.ask(request, part[0], TWICE)[2:])
-        return values
+        request = read_registers(registers[0].address, sum(each.size for each in registers))
+        return decoded(registers, self.ask(request, registers[0], TWICE)[2:])
 
     def write(self, registers: Sequence[Register], values: Sequence[float]) -> None:
         """Write adjacent registers, by function 16, sent exactly once."""
         if not all(register.writable for register in registers):
             raise ValueError(f"not written by this driver: {registers[0].name}")
-        pairs = list(zip(registers, values, strict=True))
-        for part in _parts(registers):
-            raw = b"".join(reg.encode(value) for reg, value in pairs[: len(part)])
-            pairs = pairs[len(part) :]
-            self.ask(write_registers(part[0].address, raw), part[0], 1)
+        pairs = zip(registers, values, strict=True)
+        raw = b"".join(register.encode(value) for register, value in pairs)
+        self.ask(write_registers(registers[0].address, raw), registers[0], 1)
 
     def feedback(
         self,
@@ -134,18 +125,6 @@ class Control(Transactor):
             return int.from_bytes(self._link.transact(request, check, until_s)[2:], "big")
         except (ExceptionReply, FrameError):
             return 0
-
-
-def _parts(registers: Sequence[Register]) -> list[Sequence[Register]]:
-    """Return runs of whole registers that fit one frame."""
-    parts: list[Sequence[Register]] = []
-    start = count = 0
-    for number, register in enumerate(registers):
-        if count + register.size > _MAX_REGISTERS:
-            parts.append(registers[start:number])
-            start, count = number, 0
-        count += register.size
-    return [*parts, registers[start:]]
 
 
 def decoded(registers: Sequence[Register], raw: bytes) -> list[float | int]:

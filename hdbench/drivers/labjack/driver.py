@@ -17,21 +17,12 @@ from hdbench.devices.daq import (
 )
 from hdbench.devices.safestate import Seen
 from hdbench.devices.transactor import TWICE
-from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.address import address_of
 from hdbench.devices.wire.link import connect
+from hdbench.drivers.labjack import scanlist
 from hdbench.drivers.labjack.control import Control, Session, decoded, feedback_request
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, user_name
-from hdbench.drivers.labjack.scanlist import (
-    InputScale,
-    describe_abilities,
-    input_scales,
-    plan_scan,
-    read_inputs,
-    set_up_inputs,
-    set_up_stream,
-    stop_stream,
-)
 from hdbench.drivers.labjack.stream import Acquisition
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.errors import BusyError, HdbenchError, UsageError
@@ -117,18 +108,18 @@ class LabJackDaq(DeviceBase[Acquisition]):
         self._stream_address = stream_address
         self._tacho_rad_s_per_v = tacho_rad_s_per_v
         self._session = Session(control)
-        self._scales: dict[Role, InputScale] = {}
+        self._scales: dict[Role, scanlist.InputScale] = {}
 
     def capabilities(self) -> Capabilities:
         """Return what the device can do as the profile wires it."""
-        return describe_abilities(self.table)
+        return scanlist.describe_abilities(self.table)
 
     def claim(self) -> None:
         """Become the one host, and clean up what a dead one has left running."""
         self.identity()
         if self._session.claim():
             self._make_safe()
-            stop_stream(self.control)
+            scanlist.stop_stream(self.control)
         elif self.control.read(STREAM_ENABLE)[0]:
             self._session.release()
             raise BusyError(
@@ -141,13 +132,13 @@ class LabJackDaq(DeviceBase[Acquisition]):
         """Set inputs and stream, outputs safe, and return the actual sample period, s."""
         self.identity()
         self._drop_acquisition()
-        stop_stream(self.control)
+        scanlist.stop_stream(self.control)
         self._make_safe()
-        set_up_inputs(self.control, self.table)
+        scanlist.set_up_inputs(self.control, self.table)
         if not self._scales:
-            self._scales = input_scales(self.control, self.table)
-        plan = plan_scan(self.table, settings.roles, self._scales)
-        setup = set_up_stream(
+            self._scales = scanlist.input_scales(self.control, self.table)
+        plan = scanlist.plan_scan(self.table, settings.roles, self._scales)
+        setup = scanlist.set_up_stream(
             self.control,
             plan,
             settings.sample_period_s,
@@ -179,7 +170,7 @@ class LabJackDaq(DeviceBase[Acquisition]):
 
     def stop(self) -> None:
         """Stop the stream; scans already taken can still be read."""
-        stop_stream(self.control)
+        scanlist.stop_stream(self.control)
         if self._acquisition is not None:
             self._acquisition.stopped = True
 
@@ -187,13 +178,13 @@ class LabJackDaq(DeviceBase[Acquisition]):
         """Return one reading of every channel; empty while a stream has the inputs."""
         if self._acquisition is not None and self._acquisition.sampling:
             return {}
-        return read_inputs(self.control, self.table)
+        return scanlist.read_inputs(self.control, self.table)
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""
         if self._acquisition is not None and self._acquisition.sampling:
             with contextlib.suppress(HdbenchError):
-                stop_stream(self.control)
+                scanlist.stop_stream(self.control)
         self._drop_acquisition()
         self._session.release()
         self.control.close()
@@ -203,7 +194,7 @@ class LabJackDaq(DeviceBase[Acquisition]):
 
     def _seen(self) -> Seen:
         """Return reference, V, and motor speed, rad/s, as the inputs show them now."""
-        seen = read_inputs(self.control, self.table)
+        seen = scanlist.read_inputs(self.control, self.table)
         tacho_v = seen.get("tacho")
         speed = None if tacho_v is None else tacho_v * self._tacho_rad_s_per_v
         return Seen(seen.get("reference", self._driving().read_back()), speed)
@@ -215,7 +206,7 @@ STREAM_OFFSET = 200
 
 def open_labjack(profile: ProfileData, table: LabJackAcquisition) -> LabJackDaq:
     """Open the device; nothing is connected or written yet."""
-    address = parse_address(table.address, default_port=502)
+    address = address_of(table, default_port=502)
     if address.scheme != "tcp":
         raise UsageError(
             f"{table.address!r}: a LabJack is reached by tcp://HOST[:PORT]",
@@ -235,4 +226,4 @@ def labjack_rate_hz(table: LabJackAcquisition) -> float:
     """Return the highest scan rate of the table's channels."""
     if table.model == "T8":
         return math.inf
-    return describe_abilities(table).max_rates_hz[-1]
+    return scanlist.describe_abilities(table).max_rates_hz[-1]

@@ -9,7 +9,7 @@ from hdbench.devices.daq import WatchdogState
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.registers import Register, as_float32
 from hdbench.devices.safestate import STANDSTILL_RAD_S
-from hdbench.devices.wire.address import parse_address
+from hdbench.devices.wire.address import address_of
 from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.control import Control, feedback_request
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackOutput
@@ -225,7 +225,7 @@ def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | Non
     off = 0 if output.enable_high else 1
     stop = feedback_request(((reg.STREAM_ENABLE, 0),), ())
     return Target(
-        target_at(parse_address(table.address, default_port=502), 1),
+        target_at(address_of(table, default_port=502), 1),
         acts=(feedback_request(((reference, 0.0),), ()), stop),
         looks=tuple(looks),
         identity=(Look(feedback_request((), reg.IDENTITY)),),

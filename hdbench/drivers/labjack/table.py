@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, PositiveFloat
+from pydantic import PositiveFloat
 
 from hdbench.profile.acquiring_table import Acquisition, OutputChannel, Role
-from hdbench.profile.tables import Table
+from hdbench.profile.tables import Table, item
 
 
 class LabJackChannel(Table):
     """One channel of the scan list."""
 
-    role: Role = Field(description="what it measures")
-    input: str = Field(
+    role: Role = item("what it measures")
+    input: str = item(
+        "AINn, or `quadrature` for the encoder lines of the model",
         pattern=r"^(AIN[0-9]{1,3}|quadrature)$",
-        description="AINn, or `quadrature` for the encoder lines of the model",
     )
-    negative: int | None = Field(
-        default=None, ge=0, le=249, description="AIN of the negative side; none: single-ended"
-    )
-    range_v: PositiveFloat = Field(default=10.0, description="input range +-, V")
-    scale: float = Field(
-        default=1.0, description="units of the role per volt; 1 except for a current, A/V"
-    )
+    negative: int | None = item("AIN of the negative side; none: single-ended", None, ge=0, le=249)
+    range_v: PositiveFloat = item("input range +-, V", 10.0)
+    scale: float = item("units of the role per volt; 1 except for a current, A/V", 1.0)
 
     @property
     def number(self) -> int:
@@ -35,53 +31,40 @@ class LabJackChannel(Table):
 class LabJackOutput(OutputChannel):
     """The motor reference and the drive's enable line."""
 
-    output: str = Field(
-        pattern=r"^(DAC[01]|TDAC[0-9]{1,2})$",
-        description="DACn (0 to 5 V) or TDACn of a LJTick-DAC (+-10 V)",
+    output: str = item(
+        "DACn (0 to 5 V) or TDACn of a LJTick-DAC (+-10 V)", pattern=r"^(DAC[01]|TDAC[0-9]{1,2})$"
     )
-    enable_line: int = Field(
-        ge=0, le=22, description="DIO of the drive's enable; the watchdog drops it"
-    )
-    enable_high: bool = Field(default=True, description="whether a high line enables the drive")
+    enable_line: int = item("DIO of the drive's enable; the watchdog drops it", ge=0, le=22)
+    enable_high: bool = item("whether a high line enables the drive", True)
 
 
 class LabJackAcquisition(Acquisition):
     """A LabJack T4, T7 or T8 on Ethernet: control and stream."""
 
-    driver: Literal["labjack-t"] = Field(description="driver that speaks to the DAQ")
-    address: str = Field(
-        default="embedded",
+    driver: Literal["labjack-t"] = item("driver that speaks to the DAQ")
+    address: str = item(
+        "`embedded` (emulated) or tcp://HOST[:PORT], port 502 by default",
+        "embedded",
         pattern=r"^(embedded|tcp://[A-Za-z0-9.-]+(:[0-9]{1,5})?)$",
-        description="`embedded` (emulated) or tcp://HOST[:PORT], port 502 by default",
     )
-    stream_port: int | None = Field(
-        default=None,
+    stream_port: int | None = item(
+        "TCP port of the stream; none: 200 above the other, as 702 is above 502",
+        None,
         ge=1,
         le=65535,
-        description="TCP port of the stream; none: 200 above the other, as 702 is above 502",
     )
-    model: Literal["T4", "T7", "T8"] = Field(default="T7", description="model that must answer")
-    serial_number: int | None = Field(
-        default=None, ge=1, description="serial number that must answer; none: any"
+    model: Literal["T4", "T7", "T8"] = item("model that must answer", "T7")
+    serial_number: int | None = item("serial number that must answer; none: any", None, ge=1)
+    calibration: Literal["device", "nominal"] = item(
+        "constants from words to volts: the device's own, or the data sheet's", "device"
     )
-    calibration: Literal["device", "nominal"] = Field(
-        default="device",
-        description="constants from words to volts: the device's own, or the data sheet's",
+    auto_recover: bool = item(
+        "after a full buffer: true goes on with a gap that is counted and marked, false ends the "
+        "run",
+        True,
     )
-    auto_recover: bool = Field(
-        default=True,
-        description="after a full buffer: true goes on with a gap that is counted and marked, "
-        "false ends the run",
+    watchdog_s: PositiveFloat = item(
+        "host silence after which the enable drops, s, whole", 1.0, ge=1.0, le=5.0
     )
-    watchdog_s: PositiveFloat = Field(
-        default=1.0,
-        ge=1.0,
-        le=5.0,
-        description="host silence after which the enable drops, s, whole",
-    )
-    channels: tuple[LabJackChannel, ...] = Field(
-        min_length=1, description="what is streamed, in order"
-    )
-    output: LabJackOutput | None = Field(
-        default=None, description="[daq.output]: motor reference; none: no motion"
-    )
+    channels: tuple[LabJackChannel, ...] = item("what is streamed, in order", min_length=1)
+    output: LabJackOutput | None = item("[daq.output]: motor reference; none: no motion", None)
