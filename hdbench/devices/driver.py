@@ -92,7 +92,9 @@ def drivers() -> tuple[DriverInfo, ...]:
     for entry in installed("hdbench.drivers"):
         taken = any(info.name == entry.name for info in found)
         problem = "its name is taken" if taken else _problem(entry)
-        found.append(DriverInfo(entry.name, _origin(entry), problem))
+        package = entry.dist
+        origin = "hdbench" if package is None else f"{package.name} {package.version}"
+        found.append(DriverInfo(entry.name, origin, problem))
     return tuple(found)
 
 
@@ -147,7 +149,3 @@ def _problem(entry: EntryPoint) -> str:
     except BROKEN as error:
         return f"{type(error).__name__}: {error}"
     return ""
-
-
-def _origin(entry: EntryPoint) -> str:
-    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "hdbench"

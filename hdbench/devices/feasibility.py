@@ -9,17 +9,11 @@ from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.daq import Capabilities, Role
 from hdbench.devices.driver import driver_of
 from hdbench.errors import DeviceError, UsageError
-from hdbench.profile.acquiring import Acquisition, OutputChannel
+from hdbench.profile.acquiring import OutputChannel
 from hdbench.profile.schema import ProfileData
 
 # periods are decimal numbers: a rate equal to the highest one differs by rounding
 _ROUNDING = 1.0 + 1e-9
-
-
-def roles_of(table: Acquisition) -> tuple[Role, ...]:
-    """Return the roles of the channels that a table samples, in order."""
-    channels = getattr(table, "channels", ())
-    return tuple(getattr(channel, "role", channel) for channel in channels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,16 +62,11 @@ def host_settings(profile: ProfileData, *, watchdog_s: float | None = None) -> H
     limit_v = profile.limits.reference_v
     return HostSettings(
         profile,
-        roles_of(table),
+        table.roles,
         table.watchdog_s if watchdog_s is None else watchdog_s,
         found if isinstance(found, OutputChannel) else OutputChannel(limit_v=limit_v),
         getattr(table, "max_skew_s", math.inf),
     )
-
-
-def rate_limit_hz(table: Acquisition) -> float:
-    """Return the highest sustained scan rate of a device and its wire with the table's channels."""
-    return driver_of(table.driver).rate_hz(table)
 
 
 def check_tables(profile: ProfileData) -> None:
@@ -102,11 +91,11 @@ def check_drives(profile: ProfileData, what: str) -> None:
 def check_pace(profile: ProfileData, sample_period_s: float, what: str) -> None:
     """Refuse a sampling period that the device of the profile cannot keep."""
     table, *_ = profile.daq.part_tables().values()
-    rate_hz, limit_hz = 1.0 / sample_period_s, rate_limit_hz(table)
+    rate_hz, limit_hz = 1.0 / sample_period_s, driver_of(table.driver).rate_hz(table)
     if rate_hz <= limit_hz * _ROUNDING or math.isnan(limit_hz):
         return
     raise UsageError(
-        f"{what} asks for {rate_hz:.6g} samples/s; {len(roles_of(table))} channels of "
+        f"{what} asks for {rate_hz:.6g} samples/s; {len(table.roles)} channels of "
         f"{table.driver} at {table.address} sustain {limit_hz:.4g}",
         where="key daq.sample_period_s",
         fix=f"sample every {1.0 / limit_hz:.3g} s or more slowly, name fewer daq.channels, or "

@@ -8,7 +8,7 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 
@@ -48,28 +48,17 @@ class Simulation:
         except OSError as error:
             raise self._error(f"no connection ({error.strerror or error})") from error
         try:
-            self._ask({})
+            self.set()
         except DeviceError:
             self.close()
             raise
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Lock or release the wave generator, turn the flexspline, hang a weight."""
-        values = {"position_rad": position_rad, "mass_kg": mass_kg, "direction": direction}
-        self._ask({"fixture": {"locked": locked, **values}})
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight is handled, and the resistor across the bridge."""
-        values = {"swing_rad": swing_rad, "release_s": release_s, "shunt_ohm": shunt_ohm}
-        self._ask({"handling": values})
 
     def close(self) -> None:
         """Close the channel."""
         self._socket.close()
 
-    def _ask(self, order: dict[str, Any]) -> None:
+    def set(self, **order: Mapping[str, float]) -> None:
+        """Set ``fixture`` (lock, position, weight) or ``handling`` (of the next weight, shunt)."""
         until_s = time.monotonic() + _DEADLINE_S
         line = b""
         try:
@@ -357,12 +346,12 @@ class SimulatedOperator:
             self.bench.stop()
 
     def _handle(self, swing_rad: float, release_s: float) -> None:
-        self._simulation.set_handling(
-            swing_rad=swing_rad, release_s=release_s, shunt_ohm=self._now.shunt_ohm
-        )
+        shunt_ohm = self._now.shunt_ohm
+        handling = {"swing_rad": swing_rad, "release_s": release_s, "shunt_ohm": shunt_ohm}
+        self._simulation.set(handling=handling)
 
     def _set(self) -> None:
         fixture = asdict(self._now)
         del fixture["shunt_ohm"]
-        self._simulation.set_fixture(**fixture)
+        self._simulation.set(fixture=fixture)
         self._history.append(self._now.to_dict())

@@ -250,7 +250,7 @@ class SimulatedBench:
     @property
     def velocity_rad_s(self) -> float:
         """True motor speed now, rad/s."""
-        return 0.0 if self._timeline is None else self._timeline.velocity_now_rad_s
+        return 0.0 if self._timeline is None else self._timeline.state_now[1]
 
     @property
     def enabled(self) -> bool:

@@ -36,9 +36,6 @@ class AnalogueSamples:
     reference_v: FloatArray
     angle_rad: FloatArray
 
-    def __len__(self) -> int:
-        return len(self.torque_v)
-
 
 @dataclass(frozen=True, slots=True)
 class RawSamples:
@@ -55,9 +52,6 @@ class RawSamples:
         """Codes of the four channels, a row a sample."""
         codes = (self.torque_code, self.tacho_code, self.current_code, self.reference_code)
         return np.stack(codes, axis=1)
-
-    def __len__(self) -> int:
-        return len(self.torque_code)
 
 
 def steps_per_sample(sample_period_s: float) -> int:

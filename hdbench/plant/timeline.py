@@ -204,14 +204,9 @@ class Timeline:
         return float(self.references(self.now_hold, 1)[0])
 
     @property
-    def angle_now_rad(self) -> float:
-        """Wave-generator angle at the leading edge, rad."""
-        return self._state(self.now_hold)[0]
-
-    @property
-    def velocity_now_rad_s(self) -> float:
-        """Motor speed at the leading edge, rad/s."""
-        return self._state(self.now_hold)[1]
+    def state_now(self) -> tuple[float, float]:
+        """Wave-generator angle, rad, and motor speed, rad/s, at the leading edge."""
+        return self._state(self.now_hold)
 
     @property
     def stopped(self) -> bool:

@@ -106,14 +106,19 @@ class Acquisition(Table):
             refuse([Conflict((), what, "shorten daq.deadline_s")])
         return deadline_s
 
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        """Roles of the channels that are sampled, in order."""
+        channels = getattr(self, "channels", ())
+        return tuple(getattr(channel, "role", channel) for channel in channels)
+
     def part_tables(self) -> dict[str, Acquisition]:
         """Return the devices by their keys here: the one that samples first, that drives last."""
         return {"": self}
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield the keys of this table that do not go together."""
-        channels = getattr(self, "channels", ())
-        roles = [getattr(channel, "role", channel) for channel in channels]
+        roles = self.roles
         twice = sorted({role for role in roles if roles.count(role) > 1})
         if twice:
             yield Conflict(

@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import select
+import socket
 import struct
 import time
 from collections.abc import Callable
@@ -90,6 +91,12 @@ def port_io(port: Serial) -> PortIo:
     return _FileIo(port) if can_share_ports() else _PolledIo(port)
 
 
+def socket_io(connection: socket.socket) -> PortIo:
+    """Return what reads and writes a connection to a serial server, which then never waits."""
+    connection.setblocking(False)
+    return _SocketIo(connection)
+
+
 class _PolledIo:
     """A port by pyserial alone."""
 
@@ -153,6 +160,37 @@ class _FileIo(_PolledIo):
         except termios.error:
             return True
         return False
+
+
+class _SocketIo:
+    """A connection to a serial server, as a port."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+
+    def readable(self, wait_s: float) -> bool:
+        return bool(select.select((self._connection,), (), (), max(0.0, wait_s))[0])
+
+    def writable(self, wait_s: float) -> bool:
+        return bool(select.select((), (self._connection,), (), max(0.0, wait_s))[1])
+
+    def read(self, size: int) -> bytes:
+        data: bytes = self._connection.recv(size)
+        if not data:
+            raise OSError(0, "the device closed it")
+        return data
+
+    def write(self, data: bytes) -> int:
+        try:
+            return int(self._connection.send(data))
+        except BlockingIOError:
+            return 0
+
+    def is_gone(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        self._connection.close()
 
 
 def can_share_ports() -> bool:

@@ -148,11 +148,13 @@ class Bench:
         self.handled: list[tuple[float, ...]] = []
         self.simulation = self
 
-    def set_fixture(self, *, locked, position_rad, mass_kg, direction) -> None:
-        self.log.append((float(locked), position_rad, mass_kg, direction))
-
-    def set_handling(self, *, swing_rad, release_s, shunt_ohm) -> None:
-        self.handled.append((swing_rad, release_s, shunt_ohm))
+    def set(self, *, fixture=None, handling=None) -> None:
+        if fixture is not None:
+            assert list(fixture) == ["locked", "position_rad", "mass_kg", "direction"]
+            self.log.append(tuple(fixture.values()))
+        if handling is not None:
+            assert list(handling) == ["swing_rad", "release_s", "shunt_ohm"]
+            self.handled.append(tuple(handling.values()))
 
 
 def test_the_operator_hangs_the_wrong_weight_once() -> None:

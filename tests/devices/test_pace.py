@@ -2,7 +2,8 @@
 
 import pytest
 
-from hdbench.devices.feasibility import check_pace, rate_limit_hz
+from hdbench.devices.driver import driver_of
+from hdbench.devices.feasibility import check_pace
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
 
@@ -14,6 +15,10 @@ ALL = ("torque", "tacho", "current", "reference", "encoder")
 def at(address, channels=ALL):
     daq = DATA.daq.model_copy(update={"address": address, "channels": channels})
     return DATA.model_copy(update={"daq": daq})
+
+
+def rate_limit_hz(table):
+    return driver_of(table.driver).rate_hz(table)
 
 
 def by_hand(baud, n_channels):

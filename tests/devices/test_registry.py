@@ -87,8 +87,7 @@ class AcmeTable(Acquisition):
 """,
     "host.py": """
 import acme_table
-from hdbench.devices.feasibility import rate_limit_hz
-from hdbench.devices.driver import drivers
+from hdbench.devices.driver import driver_of, drivers
 from hdbench.errors import ProfileError
 from hdbench.profile import load_profile, parse_profile, profile_schema
 head, rest = load_profile("cim-tr-97-06").text.split("[daq]", 1)
@@ -96,7 +95,8 @@ tail = "[limits]" + rest.split("[limits]", 1)[1]
 def parse(keys):
     text = f"{head}[daq]\\nsample_period_s = 0.1\\n{keys}\\n{tail}"
     return parse_profile(text, "acme.toml").data
-print(rate_limit_hz(parse("driver = 'acme'\\ngain = 3").daq))
+table = parse("driver = 'acme'\\ngain = 3").daq
+print(driver_of("acme").rate_hz(table))
 print("gain of the amplifier" in str(profile_schema()))
 print([info.problem for info in drivers() if info.name in ("acme", "broken")])
 for keys in ("driver = 'acme'\\ngian = 3", "driver = 'broken'"):

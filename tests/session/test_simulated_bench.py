@@ -128,7 +128,8 @@ def torque_v(bench) -> float:
 def test_a_shunt_by_the_channel_reaches_the_bridge(name):
     with open_bench(load_profile(name)) as bench:
         before = torque_v(bench)
-        bench.simulation.set_handling(swing_rad=0.0, release_s=0.0, shunt_ohm=100_000.0)
+        handling = {"swing_rad": 0.0, "release_s": 0.0, "shunt_ohm": 100_000.0}
+        bench.simulation.set(handling=handling)
         # 350 ohm or so against 100 kohm: some 0.1 % of the bridge's supply, times 1000
         assert abs(torque_v(bench) - before) > 0.5
 
@@ -148,12 +149,12 @@ def test_the_channel_refuses_what_no_hand_can_do_and_whoever_reaches_into_a_node
     with open_bench(load_profile("cim-tr-97-06"), realtime=True) as bench:
         for wrong in NO_HAND:
             with pytest.raises(DeviceError, match="out of its domain"):
-                bench.simulation.set_fixture(**{**right, **wrong})
-            bench.simulation.set_fixture(**right)
+                bench.simulation.set(fixture={**right, **wrong})
+            bench.simulation.set(fixture=right)
         bench.configure(AcquisitionSettings(1e-3, 100_000, None))
         bench.start()
         with pytest.raises(DeviceError, match="acquisition is running"):
-            bench.simulation.set_fixture(**right)
+            bench.simulation.set(fixture=right)
 
 
 def test_the_channel_survives_what_is_no_order_and_what_is_no_channel_is_told():

@@ -67,17 +67,10 @@ def _delivered(packets: list[bytes], random: np.random.Generator) -> tuple[list[
     cut = int(random.integers(1, len(data)))
     runs: list[tuple] = []
     for part in (data[:cut], data[cut:]):
-        failed = False
         try:
-            parser.feed(part)
-        except StreamFault:
-            failed = True
-        for each in parser.packets():
-            try:
+            for each in parser.feed(part):
                 runs += [(r.first_index, r.lost_before, r.words) for r in scans.take(each)]
-            except StreamFault:
-                return runs, True
-        if failed:
+        except StreamFault:
             return runs, True
     return runs, False
 

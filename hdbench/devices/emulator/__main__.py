@@ -24,8 +24,9 @@ def main() -> int:
 
     try:
         profile = profile_from_json(order["profile"])
+        record = Path(order["record"]) if order["record"] else None
         settings = EmulatorSettings(
-            pace=order["pace"], record=_path(order["record"]), lifeline=0, wire=order["wire"]
+            pace=order["pace"], record=record, lifeline=0, wire=order["wire"]
         )
         emulate(profile, order["plant"], order["seed"], settings, ready=_say)
     except HdbenchError as error:
@@ -37,10 +38,6 @@ def main() -> int:
 def _say(message: Mapping[str, object]) -> None:
     sys.stdout.write(json.dumps(dict(message)) + "\n")
     sys.stdout.flush()
-
-
-def _path(text: str | None) -> Path | None:
-    return Path(text) if text else None
 
 
 if __name__ == "__main__":

@@ -131,7 +131,7 @@ class SimulatedInstrument:
     @property
     def velocity_rad_s(self) -> float:
         """True motor speed now, rad/s."""
-        return self._timeline.velocity_now_rad_s
+        return self._timeline.state_now[1]
 
     @property
     def moving(self) -> bool:
@@ -173,10 +173,7 @@ class SimulatedInstrument:
         to motor angle 0, and the encoder has counted that. One that turns goes on turning.
         """
         self.catch_up()
-        start = (0.0, 0.0)
-        if self.moving:
-            start = (self._timeline.angle_now_rad, self.velocity_rad_s)
-        self._open(sample_period_s, start=start)
+        self._open(sample_period_s, start=self._timeline.state_now if self.moving else (0.0, 0.0))
         self._sampling = True
         self._note("begin")
 
@@ -187,7 +184,7 @@ class SimulatedInstrument:
 
     def due(self) -> int:
         """Return how many samples of the scan clock have come and were not taken yet."""
-        return max(0, self._hold() - (HALF_LENGTH_SAMPLES - 1) - self._timeline.served)
+        return max(0, int(self._holds()) - (HALF_LENGTH_SAMPLES - 1) - self._timeline.served)
 
     def take(self, max_samples: int) -> ElectricalSamples:
         """Return the samples whose time has come, oldest first."""
@@ -224,15 +221,14 @@ class SimulatedInstrument:
             self._origin_s += surplus * self._timeline.sample_period_s
         self._produce(min(due, _MAX_IDLE_SAMPLES))
 
-    def _hold(self) -> int:
-        """Return how many holds have ended by now."""
-        return int((self.clock() - self._origin_s) / self._timeline.sample_period_s)
+    def _holds(self) -> float:
+        """Return how many holds have passed by now."""
+        return (self.clock() - self._origin_s) / self._timeline.sample_period_s
 
     def _next_hold(self) -> int:
         """Return the first hold that a value written now can still fill."""
-        elapsed = (self.clock() - self._origin_s) / self._timeline.sample_period_s
         # a hold that began a hundredth of itself ago is taken for one that begins now
-        return max(0, int(elapsed + 0.99))
+        return max(0, int(self._holds() + 0.99))
 
     def _open(
         self, period_s: float, *, start: tuple[float, float] = (0.0, 0.0), counted: bool = True

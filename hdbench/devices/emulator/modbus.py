@@ -62,9 +62,8 @@ class DeviceWatchdog:
     def fed(self, value: float) -> None:
         """Note a write to the feeding register."""
         feed = self.spec.feed
-        if feed is None or (feed.kind == "key" and value != feed.value):
-            return
-        self._feed()
+        if feed is not None and (feed.kind != "key" or value == feed.value):
+            self._feed()
 
     def tick(self) -> None:
         """Trip when the time is over."""

@@ -164,18 +164,19 @@ class SampleClock:
     @property
     def offset_s(self) -> float:
         """Host time of sample 0, s."""
-        return 0.5 * (self._low_s + self._high_s) + self._drift_s
+        full = len(self._bounds_s) == _WINDOW
+        drift_s = min(self._bounds_s) - self._first_bound_s if full else 0.0
+        return 0.5 * (self._low_s + self._high_s) + drift_s
 
     @property
     def doubt_s(self) -> float:
         """Half of the distance of its bounds, s."""
         return 0.5 * (self._high_s - self._low_s)
 
-    @property
-    def _drift_s(self) -> float:
-        if len(self._bounds_s) < _WINDOW:
-            return 0.0
-        return min(self._bounds_s) - self._first_bound_s
+    def times_s(self, first_index: int, n: int) -> FloatArray:
+        """Return the host's time of n samples, s."""
+        index = np.arange(first_index, first_index + n, dtype=np.float64)
+        return self.offset_s + index * self._period_s
 
     def seen(self, newest: int, read_s: float) -> None:
         """Note that sample `newest` was in a reply that ended at `read_s`."""
@@ -222,7 +223,6 @@ class HostedBench:
         self._asked: AcquisitionSettings | None = None
         self._reference: HostReference | None = None
         self._control: ControlThread | None = None
-        self._log: ReferenceLog | None = None
         self._channels: ChannelMap | None = None
         self._samples: SampleClock | None = None
         self._start_s = 0.0
@@ -271,9 +271,7 @@ class HostedBench:
         """Start sampling and, with a reference, the motion under the guard's eyes."""
         asked = self._asked
         if asked is None:
-            raise DeviceError(
-                "no acquisition is configured", where="bench", fix="configure it first"
-            )
+            raise _fault("no acquisition is configured", "configure it first")
         self._watch("patiently")
         if self._reference is not None:
             self.daq.arm_watchdog(self.settings.watchdog_s)
@@ -283,16 +281,22 @@ class HostedBench:
         before_s = self.clock()
         self.daq.start()
         self._start_s = after_s = self.clock()
-        self._samples = SampleClock(asked.sample_period_s / self.speed, before_s, after_s)
-        self._log = ReferenceLog(before_s, 0.0)
+        samples = SampleClock(asked.sample_period_s / self.speed, before_s, after_s)
+        # as it was written and read back
+        log = ReferenceLog(before_s, 0.0)
         able = self.daq.capabilities()
-        written = None if able.generator or not able.drives else self._written
-        self._channels = ChannelMap(self.settings.roles, able, written)
+
+        def references(first_index: int, n: int) -> FloatArray:
+            return log.at(samples.times_s(first_index, n))
+
+        written = able.drives and not able.generator
+        self._channels = ChannelMap(self.settings.roles, able, references if written else None)
+        self._samples = samples
         if self._reference is not None:
             self._control = ControlThread(
                 self.daq,
                 self._reference,
-                self._log,
+                log,
                 update_s=self.settings.output.update_s,
                 watchdog_s=self.settings.watchdog_s,
                 clock=self.clock,
@@ -316,9 +320,7 @@ class HostedBench:
 
     def _read(self) -> Block | None:
         if self._channels is None or self._samples is None:
-            raise DeviceError(
-                "no acquisition has been started", where="bench", fix="start it first"
-            )
+            raise _fault("no acquisition has been started", "start it first")
         control = self._control
         if control is not None:
             control.check()
@@ -347,11 +349,8 @@ class HostedBench:
             self.daq.stop()
             return
         if not control.halt():
-            raise DeviceError(
-                "a write to the motor reference does not end",
-                where="bench",
-                fix="look at the device's connection, then run again",
-            )
+            fix = "look at the device's connection, then run again"
+            raise _fault("a write to the motor reference does not end", fix)
         self._control = None
         self.daq.write_output("reference", 0.0)
         self.daq.feed_watchdog()
@@ -360,9 +359,7 @@ class HostedBench:
         self.daq.enable(on=False)
         self.daq.clear_watchdog()
         if moving:
-            raise DeviceError(
-                f"after the stop {moving}", where="bench", fix="press the emergency stop and look"
-            )
+            raise _fault(f"after the stop {moving}", "press the emergency stop and look")
         control.check()
 
     def fall_silent(self) -> None:
@@ -453,14 +450,6 @@ class HostedBench:
         self.daq.feed_watchdog()
         self.sleep(seconds)
 
-    def _written(self, first_index: int, n: int) -> FloatArray:
-        """Return the reference that stood at n samples, V, as it was written and read back."""
-        if self._log is None or self._samples is None:
-            return np.full(n, np.nan)
-        index = np.arange(first_index, first_index + n, dtype=np.float64)
-        times_s: FloatArray = self._samples.offset_s + index * (self._period_s / self.speed)
-        return self._log.at(times_s)
 
-    @property
-    def _period_s(self) -> float:
-        return self._asked.sample_period_s if self._asked else 0.0
+def _fault(what: str, fix: str) -> DeviceError:
+    return DeviceError(what, where="bench", fix=fix)

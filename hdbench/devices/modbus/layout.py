@@ -142,12 +142,13 @@ def plan_blocks(places: Sequence[Register], *, most: int, bridge: int) -> tuple[
 
 def values_of(places: Sequence[Register], replies: Mapping[Block, bytes]) -> list[float | int]:
     """Return the values of places from the data of the reads that hold them."""
-    return [_value(place, replies) for place in places]
-
-
-def _value(place: Register, replies: Mapping[Block, bytes]) -> float | int:
-    block = next(each for each in replies if each.holds(place))
-    at, data = place.address - block.start, replies[block]
-    if place.is_bit:
-        return data[at // 8] >> at % 8 & 1
-    return decode(data[2 * at : 2 * (at + place.size)], place.kind, place.order)
+    values: list[float | int] = []
+    for place in places:
+        block = next(each for each in replies if each.holds(place))
+        at, data = place.address - block.start, replies[block]
+        if place.is_bit:
+            values.append(data[at // 8] >> at % 8 & 1)
+        else:
+            raw = data[2 * at : 2 * (at + place.size)]
+            values.append(decode(raw, place.kind, place.order))
+    return values

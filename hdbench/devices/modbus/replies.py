@@ -6,7 +6,6 @@ A reply is checked to the byte before anything is decoded.
 from __future__ import annotations
 
 import math
-import select
 import socket
 import struct
 import time
@@ -17,8 +16,9 @@ from hdbench.devices import pymodbusparts as pm
 from hdbench.devices.wire.address import Address, dial
 from hdbench.devices.wire.link import FrameError, Link, Probe, ReplyCheck
 from hdbench.devices.wire.rtu import RtuLink
-from hdbench.devices.wire.tcp import Certificates, Secure, TcpLink, left_to_connect_s, security_of
-from hdbench.system.lines import Claim, PortIo
+from hdbench.devices.wire.tcp import Secure, TcpLink, left_to_connect_s, security_of
+from hdbench.profile.acquiring_table import TlsFiles
+from hdbench.system.lines import Claim, PortIo, socket_io
 from hdbench.system.sockets import TimedSocket
 
 _INCOMPLETE = (0, 0, 0, b"")
@@ -195,7 +195,7 @@ def polled_link(
     *,
     unit: int = 1,
     probe: Probe | None = None,
-    tls: Certificates | None = None,
+    tls: TlsFiles | None = None,
     claim: Claim = "hold",
 ) -> Link:
     """Return a link to the device at `address`; nothing is opened or sent yet."""
@@ -280,37 +280,4 @@ class _RtuOverTcpLink(_LineLink):
 
     def _opened(self, until_s: float) -> PortIo:
         place = (self._address.host, self._address.port)
-        connection = dial(place, left_to_connect_s(until_s))
-        connection.setblocking(False)
-        return _SocketIo(connection)
-
-
-class _SocketIo:
-    """Implements `hdbench.system.lines.PortIo` on a connection."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
-
-    def readable(self, wait_s: float) -> bool:
-        return bool(select.select((self._connection,), (), (), max(0.0, wait_s))[0])
-
-    def writable(self, wait_s: float) -> bool:
-        return bool(select.select((), (self._connection,), (), max(0.0, wait_s))[1])
-
-    def read(self, size: int) -> bytes:
-        data = self._connection.recv(size)
-        if not data:
-            raise OSError(0, "the device closed it")
-        return data
-
-    def write(self, data: bytes) -> int:
-        try:
-            return self._connection.send(data)
-        except BlockingIOError:
-            return 0
-
-    def is_gone(self) -> bool:
-        return False
-
-    def close(self) -> None:
-        self._connection.close()
+        return socket_io(dial(place, left_to_connect_s(until_s)))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from hdbench.devices.wire.address import Address
 
 if TYPE_CHECKING:
-    from hdbench.devices.wire.tcp import Certificates
+    from hdbench.profile.acquiring_table import TlsFiles
     from hdbench.system.lines import Claim
 
 EXCEPTIONS = {
@@ -209,7 +209,7 @@ def connect(
     *,
     unit: int = 1,
     probe: Probe | None = None,
-    tls: Certificates | None = None,
+    tls: TlsFiles | None = None,
     claim: Claim = "hold",
 ) -> Link:
     """Return a link to the device at `address`; nothing is opened or sent yet.

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from hdbench.devices.wire.address import Address, dial
 from hdbench.devices.wire.link import ExceptionReply, FrameError, ReplyCheck, StaleReply
@@ -18,29 +18,19 @@ from hdbench.errors import UsageError
 from hdbench.system.files import is_private
 from hdbench.system.sockets import TimedSocket
 
+if TYPE_CHECKING:
+    from hdbench.profile.acquiring_table import TlsFiles
+
 _HEADER = struct.Struct(">HHHB")
 # ten replies of the greatest length
 _CHUNK = 2600
-
-
-class Certificates(Protocol):
-    """Paths of PEM files, and the name in the device's certificate where it is not the host's."""
-
-    @property
-    def certificate(self) -> str: ...  # noqa: D102
-    @property
-    def key(self) -> str: ...  # noqa: D102
-    @property
-    def authority(self) -> str: ...  # noqa: D102
-    @property
-    def server_name(self) -> str | None: ...  # noqa: D102
 
 
 Secure = Callable[[socket.socket], ssl.SSLSocket]
 """Wraps a fresh connection in TLS."""
 
 
-def security_of(address: Address, files: Certificates | None) -> Secure | None:
+def security_of(address: Address, files: TlsFiles | None) -> Secure | None:
     """Return what wraps a connection to `address` in mutual TLS; None where it is no TLS.
 
     TLS 1.2 or newer, both certificates checked, as "MODBUS/TCP Security Protocol Specification"

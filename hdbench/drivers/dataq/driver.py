@@ -90,7 +90,7 @@ def _input(channel: DataqChannel, bits: int) -> InputInfo:
 
 def max_rates_hz(table: DataqAcquisition) -> tuple[float, ...]:
     """Return the highest rate with the first 1, 2, ... channels, Hz, the mark included."""
-    roles = tuple(channel.role for channel in table.channels)
+    roles = table.roles
     return tuple(
         scans.highest_rate_hz(
             scans.MODELS[table.model],
@@ -124,7 +124,7 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
     def capabilities(self) -> Capabilities:
         """Return what the instrument can do as the profile wires it."""
         table, model = self._table, scans.MODELS[self._table.model]
-        entries = len(scans.plan_scan(table, tuple(c.role for c in table.channels)).words)
+        entries = len(scans.plan_scan(table, table.roles).words)
         return Capabilities(
             inputs=tuple(_input(channel, model.bits) for channel in table.channels),
             max_rates_hz=max_rates_hz(table),
@@ -289,7 +289,7 @@ def dataq_rate_hz(table: DataqAcquisition) -> float:
 
 def verify(table: DataqAcquisition) -> None:
     """Refuse what the model does not have."""
-    scans.plan_scan(table, tuple(channel.role for channel in table.channels))
+    scans.plan_scan(table, table.roles)
 
 
 def probe(path: str) -> str:

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from hdbench.devices.daq import clean_text
 from hdbench.errors import DeviceError, UsageError
 from hdbench.system.lines import PortIo, is_port, open_port, port_io
 
@@ -219,8 +220,7 @@ class Commands:
                 if text == command:
                     return ""
                 if text.startswith(command + b" "):
-                    value = text.removeprefix(command + b" ").decode("ascii", errors="replace")
-                    return "".join(c for c in value if c.isprintable()).strip()
+                    return clean_text(text.removeprefix(command + b" "))
         return None
 
     def _error(self, what: str, fix: str) -> DeviceError:

@@ -269,24 +269,19 @@ def describe_abilities(table: LabJackAcquisition) -> Capabilities:
     range or a high resolution takes from it is not published in a form that was checked; the device
     itself ends a stream that cannot keep its rate (SCAN_OVERLAP).
     """
-    roles = tuple(channel.role for channel in table.channels)
-    words = [
-        len(plan_scan(table, roles[:count], {}).addresses) for count in range(1, len(roles) + 1)
-    ]
+    counts = range(1, len(table.roles) + 1)
+    words = [len(plan_scan(table, table.roles[:count], {}).addresses) for count in counts]
     output = table.output
+    tick_dac = output is not None and output.output.startswith("TDAC")
+    drops = ("enable",) if tick_dac else ("reference", "enable")
     return Capabilities(
         inputs=tuple(_input(channel, table.model) for channel in table.channels),
         max_rates_hz=tuple(_SAMPLES_HZ[table.model] / count for count in words),
         min_rate_hz=_MIN_RATE_HZ,
         reference=output is not None,
         enable=output is not None,
-        watchdog=None if output is None else _watchdog(output.output),
+        watchdog=None if output is None else WatchdogInfo(1.0, 5.0, "key", drops),
     )
-
-
-def _watchdog(output: str) -> WatchdogInfo:
-    drops = ("enable",) if output.startswith("TDAC") else ("reference", "enable")
-    return WatchdogInfo(min_s=1.0, max_s=5.0, fed_by="key", drops=drops)
 
 
 def _input(channel: LabJackChannel, model: str) -> InputInfo:

@@ -7,7 +7,7 @@ import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -74,17 +74,16 @@ class PacketParser:
         self._n_samples = n_samples
         self._data = bytearray()
         self._pending: Packet | None = None
-        self._ready: deque[Packet] = deque()
         self._last: Packet | None = None
         self._next = 0
 
-    def feed(self, data: bytes) -> None:
-        """Take what was received."""
+    def feed(self, data: bytes) -> Iterator[Packet]:
+        """Take what was received; yield the packets that have become certain, in order."""
         self._data += data
         while len(self._data) >= _HEADER.size:
             length = self._checked_length()
             if self._pending is not None:
-                self._confirm(int.from_bytes(self._data[:2], "big"))
+                yield self._confirmed(self._pending, int.from_bytes(self._data[:2], "big"))
             end = _HEADER.size + 2 * length
             if len(self._data) < end:
                 return
@@ -92,20 +91,13 @@ class PacketParser:
             del self._data[:end]
             if self._pending is not None and self._pending.status in _ENDS:
                 # nothing follows it
-                self._ready.extend(self.finish())
+                yield from self.finish()
 
-    def packets(self) -> list[Packet]:
-        """Return the packets that have become certain since the last call, in order."""
-        ready = list(self._ready)
-        self._ready.clear()
-        return ready
-
-    def finish(self) -> list[Packet]:
-        """Return the last packets of a stream that has ended."""
+    def finish(self) -> Iterator[Packet]:
+        """Yield the last packet of a stream that has ended, if it is certain."""
         pending, self._pending = self._pending, None
         if pending is not None and not self._data and not pending.skipped:
-            self._ready.append(pending)
-        return self.packets()
+            yield pending
 
     def _checked_length(self) -> int:
         """Return the number of samples of the packet at the front of the data."""
@@ -122,11 +114,8 @@ class PacketParser:
             raise StreamFault(f"length {length}; needed: {_FIXED + 2 * self._n_samples}")
         return n_samples
 
-    def _confirm(self, following: int) -> None:
-        """Decide about the packet that waits, now that the next header is there."""
-        pending = self._pending
-        if pending is None:
-            return
+    def _confirmed(self, pending: Packet, following: int) -> Packet:
+        """Return the packet that waits, if the number of the next one agrees."""
         step = (following - pending.number) % _NUMBERS
         if pending.skipped and step != 1:
             raise StreamFault(
@@ -134,7 +123,7 @@ class PacketParser:
                 f"packet {following}"
             )
         self._pending = None
-        self._ready.append(pending)
+        return pending
 
     def _packet(self, raw: bytes) -> Packet | None:
         number, _, _, _, _, _, _, backlog, status, additional = _HEADER.unpack_from(raw)
@@ -410,9 +399,7 @@ class Acquisition(StreamedAcquisition):
     def _take(self, data: bytes | None) -> None:
         """Take what was received, or None its end; a fault is the end of what can be trusted."""
         try:
-            if data is not None:
-                self._parser.feed(data)
-            for packet in self._parser.finish() if data is None else self._parser.packets():
+            for packet in self._parser.finish() if data is None else self._parser.feed(data):
                 if packet.status not in _KNOWN:
                     raise StreamFault(f"status {error_name(packet.status)} is none of a stream")
                 self._runs.extend(self._scans.take(packet))

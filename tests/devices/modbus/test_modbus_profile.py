@@ -80,12 +80,11 @@ def test_a_ready_profile_says_what_it_was_tried_on(name):
 def test_a_ready_bench_measures_a_weight(name):
     profile = load_profile(name)
     with open_bench(profile, seed=4) as bench:
-        bench.simulation.set_fixture(locked=True, position_rad=0.0, mass_kg=0.0, direction=1)
+        fixture = {"locked": True, "position_rad": 0.0, "mass_kg": 0.0, "direction": 1}
+        bench.simulation.set(fixture=fixture)
         readings = {}
         for mass_kg in (0.0, 4.0):
-            bench.simulation.set_fixture(
-                locked=True, position_rad=0.0, mass_kg=mass_kg, direction=1
-            )
+            bench.simulation.set(fixture={**fixture, "mass_kg": mass_kg})
             bench.configure(AcquisitionSettings(0.1, 8, None))
             bench.start()
             volts = np.concatenate([block.torque_v for block in read_samples(bench, 8)])

@@ -54,7 +54,7 @@ class Wire:
         self._reply_s = REPLY_S
         if address.is_line:
             self._reply_s += QUIET_S + line.exchange_s(_LONGEST, _LONGEST)
-        tls = SimpleNamespace(**place["tls"]) if place["tls"] else None
+        tls: Any = SimpleNamespace(**place["tls"]) if place["tls"] else None
         self._link: Link = connect(
             address, unit=int(place["unit"]), tls=tls, claim="hold" if alone else "share"
         )
