@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hdbench.devices.bench import SafeState
 from hdbench.devices.driver import open_daq
@@ -157,14 +157,18 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
             fix="stop that command, or name the address of a device",
         )
     there = _at(data, {"address": where})
+    *_, driving = there.daq.part_tables().values()
+    if driving is there.daq:
+        return _stopped(there)
+    outputs = there.model_copy(update={"daq": driving})
+    # at once: a frozen run may hold the line of the inputs for seconds
+    with suppress(HdbenchError):
+        _stopped(outputs)
     try:
         return _stopped(there)
     except HdbenchError as error:
-        *_, driving = there.daq.part_tables().values()
-        if driving is there.daq:
-            raise
         # whatever is the matter with the inputs, the part that drives the motor is stopped
-        safe = _stopped(there.model_copy(update={"daq": driving}))
+        safe = _stopped(outputs)
         return replace(safe, confirmed=False, detail=f"{safe.detail}; but {error.what}")
 
 
@@ -196,13 +200,12 @@ def _check_identity(bench: HostedBench, data: ProfileData) -> None:
     while True:
         try:
             bench.identity()
+            return
         except HdbenchError as error:
             passing = isinstance(error, BusyError) or is_disturbed(error)
             if not (passing and time.monotonic() < until_s):
                 raise
-            time.sleep(_POLL_S)
-        else:
-            return
+        time.sleep(_POLL_S)
 
 
 def addresses_of(table: Acquisition) -> tuple[str, ...]:
@@ -226,18 +229,15 @@ def _at(data: ProfileData, found: Mapping[str, object], **changes: object) -> Pr
 
 def _numbered(data: ProfileData) -> ProfileData:
     """Return the profile with numbers of hosts: nothing that moves, locks or guards asks again."""
-
-    def part(table: Any) -> Any:
-        update: dict[str, object] = {"address": numbered(table.address)}
+    found: dict[str, object] = {}
+    for part, table in data.daq.part_tables().items():
+        keys: dict[str, object] = {"address": numbered(table.address)}
         tls = getattr(table, "tls", None)
-        if tls is not None and update["address"] != table.address and not tls.server_name:
+        if tls is not None and keys["address"] != table.address and not tls.server_name:
             name = parse_address(table.address, default_port=802).host
-            update["tls"] = tls.model_copy(update={"server_name": name})
-        return table.model_copy(update=update)
-
-    parts = {name: part(table) for name, table in data.daq.part_tables().items()}
-    daq = parts.get("") or data.daq.model_copy(update=parts)
-    return data.model_copy(update={"daq": daq})
+            keys["tls"] = tls.model_copy(update={"server_name": name})
+        found |= {part: keys} if part else keys
+    return _at(data, found)
 
 
 def _data(profile: Profile | ProfileData) -> ProfileData:

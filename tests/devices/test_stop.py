@@ -1,11 +1,12 @@
 """Anybody can stop any bench, with or without a run on it."""
 
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 
 import pytest
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
+from hdbench.devices.driver import open_daq
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile import load_profile
@@ -84,3 +85,25 @@ def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, monkeypatc
     assert safe.reference_v == pytest.approx(0.0, abs=0.01)
     assert "but" in safe.detail
     assert not safe.confirmed, "nobody has seen the motor stand"
+
+
+def test_outputs_stand_before_anybody_waits_for_the_line_of_the_inputs(monkeypatch):
+    """A frozen run gives the line up after six seconds, or never."""
+    data = load_profile("di-2108-ek9000").data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
+        there = opening._at(data, found)
+        seen = []
+
+        def release(address):
+            if address == there.daq.inputs.address:
+                with closing(open_daq(there, there.daq.outputs)) as other:
+                    seen.append(other.outputs.read_back())
+                raise BusyError("a frozen run has it", where=address, fix="kill it")
+
+        monkeypatch.setattr(opening, "release", release)
+        with closing(open_daq(there, there.daq.outputs)) as daq:
+            daq.identity()
+            daq.arm_watchdog(there.daq.watchdog_s)
+            assert daq.write_output("reference", 1.0) == pytest.approx(1.0, abs=0.01)
+        stop_bench(there)
+    assert seen == [pytest.approx(0.0, abs=0.01)]
