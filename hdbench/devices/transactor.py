@@ -14,6 +14,7 @@ Build = Callable[[], tuple[bytes, ReplyCheck]]
 
 # a lost request or reply is repeated once, each try within half of the deadline
 TWICE = 2
+_ANOTHER = "another device answers at this address than before"
 
 
 def was_answered(write: Callable[[], object]) -> bool:
@@ -25,6 +26,18 @@ def was_answered(write: Callable[[], object]) -> bool:
             raise
         return False
     return True
+
+
+def same_reply(request: Request, shown: bytes) -> tuple[bytes, ReplyCheck]:
+    """Return a request whose reply must end as it did before."""
+    pdu, form = request
+
+    def check(reply: bytes) -> None:
+        form(reply)
+        if not reply.endswith(shown):
+            raise FrameError(_ANOTHER)
+
+    return pdu, check
 
 
 def is_disturbed(error: HdbenchError) -> bool:
@@ -71,7 +84,7 @@ class Transactor:
         self._deadline_s = deadline_s
         self._clock = clock
         self._lock = threading.Lock()
-        self._known: tuple[Request, bytes] | None = None
+        self._known: tuple[tuple[bytes, ReplyCheck], ...] = ()
         link.opened = self._reopened
 
     def transact(self, build: Build, name: str, attempts: int) -> bytes:
@@ -98,9 +111,9 @@ class Transactor:
         finally:
             self._lock.release()
 
-    def recognise(self, request: Request, shown: bytes) -> None:
-        """Let every later connection be to the device whose reply ends so."""
-        self._known = (request, shown)
+    def recognise(self, *known: tuple[bytes, ReplyCheck]) -> None:
+        """Let every later connection be to a device whose replies to these requests pass."""
+        self._known = known
 
     def close(self) -> None:
         """Close the connection; never raises."""
@@ -108,12 +121,11 @@ class Transactor:
 
     def _reopened(self, until_s: float) -> None:
         """Make sure, on a fresh connection, that no other device has taken the address over."""
-        if self._known is not None:
-            self._check_known(self._link.transact(*self._known[0], until_s))
-
-    def _check_known(self, reply: bytes) -> None:
-        if self._known is not None and not reply.endswith(self._known[1]):
-            raise FrameError("another device answers at this address than before")
+        try:
+            for pdu, check in self._known:
+                self._send(pdu, check, until_s)
+        except ExceptionReply as refused:
+            raise FrameError(f"{_ANOTHER}: {refused}") from refused
 
     def error(self, what: str, name: str, fix: str) -> DeviceError:
         """Return an error that names a value of the device."""
@@ -135,7 +147,11 @@ class Transactor:
 
     def _ask(self, build: Build, until_s: float, *, is_read: bool) -> bytes:
         """Make one try."""
-        return self._link.transact(*build(), until_s)
+        return self._send(*build(), until_s)
+
+    def _send(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+        """Send one request."""
+        return self._link.transact(pdu, check, until_s)
 
     def _failed(self, until_s: float) -> None:
         """Note that a try has failed."""

@@ -99,7 +99,7 @@ class Access(Transactor):
         self._sleep(_BUSY_S)
 
     def _ask(self, build: Build, until_s: float, *, is_read: bool) -> bytes:
-        reply = self._patiently(*build(), until_s)
+        reply = self._send(*build(), until_s)
         if is_read:
             self._make_sure(until_s)
         return reply
@@ -127,12 +127,12 @@ class Access(Transactor):
             return
         self._probes += 1
         try:
-            self._patiently(*self._probe(self._probes), until_s)
+            self._send(*self._probe(self._probes), until_s)
         except ExceptionReply as refused:
             # a device that does not let the probe's registers be read cannot prove it
             raise FrameError(f"the check of the reply was refused: {refused}") from refused
 
-    def _patiently(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+    def _send(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         """Send the request; a device that says it is busy is asked again until the deadline."""
         while True:
             rest_s = self._rested_s + self._min_gap_s - self._clock()

@@ -178,7 +178,7 @@ class ModbusDaq(DeviceBase[Polling]):
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return one reading of every channel; empty where there is none, or it is invalid."""
-        roles = tuple(channel.role for channel in self._table.channels)
+        roles = self._table.roles
         if not roles:
             return {}
         reading = Inputs(self._access, self._table, roles).read()
@@ -201,7 +201,7 @@ def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
 
     address = address_of(table, default_port=502)
     if not address.is_numbered:
-        _check_deadline(table)
+        _check_deadline(table, reopened=not address.is_line)
     probe = make_probe(table)
     link = polled_link(address, unit=table.unit, probe=probe, tls=table.tls)
     access = Access(
@@ -213,16 +213,15 @@ def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     return ModbusDaq(access, table)
 
 
-def modbus_rate_hz(table: ModbusAcquisition) -> float:
-    """Return the highest rate of the profile's channels, Hz."""
-    rates = max_rates_hz(table)
-    return rates[-1] if rates else math.inf
+def _check_deadline(table: ModbusAcquisition, *, reopened: bool) -> None:
+    """Refuse a deadline whose tries are too short: a quiet line, a probe, a read, a probe.
 
-
-def _check_deadline(table: ModbusAcquisition) -> None:
-    """Refuse a deadline whose tries are too short: a quiet line, a probe, a read, a probe."""
+    What is opened anew after a fault is also asked who it is.
+    """
     longest = max((block.reply_bytes for block in reads_of(table)), default=2)
-    needed_s = (QUIET_S + 3.0 * exchange_s(table, longest)) / TRY
+    looks = table.identify if reopened else ()
+    known_s = sum(exchange_s(table, 2 * place_of(table, rule).size) for rule in looks)
+    needed_s = (QUIET_S + known_s + 3.0 * exchange_s(table, longest)) / TRY
     if not table.deadline_s >= needed_s:
         raise ProfileError(
             f"{table.deadline_s:g} s; on this line a lost frame is got over within "
@@ -271,7 +270,7 @@ def _look(place: Register, name: str, low: float, high: float, mask: int = 0) ->
 
 DRIVER = Driver(
     open=open_modbus,
-    rate_hz=modbus_rate_hz,
+    rate_hz=lambda table: (math.inf, *max_rates_hz(table))[-1],
     drives=lambda table: table.output is not None,
     stop_target=stop_target,
     emulate=later("hdbench.devices.emulator.modbus:emulate_modbus"),

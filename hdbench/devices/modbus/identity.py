@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hdbench.devices.bench import Identity
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import Block, blocks_of, fits, needed, place_of
-from hdbench.devices.registers import Order, Register, decode, encode
+from hdbench.devices.modbus.layout import Block, blocks_of, fits, needed, place_of, values_of
+from hdbench.devices.registers import Order, Register, encode
 from hdbench.devices.wire.link import FrameError, Probe, ReplyCheck
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, places_in
@@ -50,6 +50,7 @@ def check_identity(access: Access, table: ModbusAcquisition) -> Identity:
                 "this is another device, or its byte order is another: correct daq.address or "
                 "daq.identify, then channels and order",
             )
+    access.recognise(*(identity_look(table, rule) for rule in table.identify))
     return Identity(
         vendor=table.vendor,
         model=table.model,
@@ -82,17 +83,13 @@ def make_probe(table: ModbusAcquisition) -> Probe | None:
     anyhow. Where every block is too short for that, a register of `identify` is read whose value
     is known; a late reply would have to carry that very value.
     """
-    lengths = _odd_lengths(table)
-    known = [rule for rule in table.identify if rule.equals is not None and _is_register(rule)]
-    if not lengths and not known:
-        return None
-
-    def probe(number: int) -> tuple[bytes, ReplyCheck]:
-        if lengths:
-            return lengths[number % len(lengths)].request()
-        return _known(table, known[number % len(known)])
-
-    return probe
+    reads: list[tuple[bytes, ReplyCheck]] = [block.request() for block in _odd_lengths(table)]
+    reads = reads or [
+        identity_look(table, rule)
+        for rule in table.identify
+        if rule.equals is not None and rule.table in ("holding", "input")
+    ]
+    return (lambda number: reads[number % len(reads)]) if reads else None
 
 
 def _odd_lengths(table: ModbusAcquisition) -> list[Block]:
@@ -121,17 +118,17 @@ def _odd_lengths(table: ModbusAcquisition) -> list[Block]:
     ]
 
 
-def _is_register(rule: ModbusIdentify) -> bool:
-    return rule.table in ("holding", "input")
-
-
-def _known(table: ModbusAcquisition, rule: ModbusIdentify) -> tuple[bytes, ReplyCheck]:
+def identity_look(table: ModbusAcquisition, rule: ModbusIdentify) -> tuple[bytes, ReplyCheck]:
+    """Return the read of one identifying value, whose reply must keep its rule."""
     place = place_of(table, rule)
-    request, size_check = Block(place.space, place.address, place.size, place.name).request()
+    block = Block(place.space, place.address, place.size, place.name)
+    request, size_check = block.request()
 
     def check(pdu: bytes) -> None:
         size_check(pdu)
-        if not fits(rule, decode(pdu[2:], place.kind, place.order)):
-            raise FrameError("a reply to an earlier request")
+        (found,) = values_of([place], {block: pdu[2:]})
+        if not fits(rule, found):
+            # on a line without transaction numbers it may be an earlier reply
+            raise FrameError(f"another device answers: {place.name} reads {found:.9g}")
 
     return request, check

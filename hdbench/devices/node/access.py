@@ -12,7 +12,7 @@ from hdbench.devices.daq import DaqSettings
 from hdbench.devices.node import registers as reg
 from hdbench.devices.node.blocks import BlockExchange, channel_bits
 from hdbench.devices.registers import Register, Value, as_float32, decode_group, encode_group
-from hdbench.devices.transactor import TWICE, Build, Transactor, was_answered
+from hdbench.devices.transactor import TWICE, Build, Transactor, same_reply, was_answered
 from hdbench.devices.wire.link import (
     ExceptionReply,
     FrameError,
@@ -127,6 +127,7 @@ class NodeAccess(Transactor):
     _fix = "check address, power and cable of the node, then run `hdbench doctor`"
     _identity: Identity | None = None
     _limits: dict[str, Value] | None = None
+    _shown = b""
     _has_program = False
 
     def __init__(
@@ -206,14 +207,13 @@ class NodeAccess(Transactor):
             super()._reopened(until_s)
             return
         address, token = reg.register("session").address, struct.pack(">I", self._session)
+        asked = exchange_registers(*span(reg.IDENTITY), address, token)
         try:
-            asked = exchange_registers(*span(reg.IDENTITY), address, token)
-            reply = self._link.transact(*asked, until_s)
+            self._send(*same_reply(asked, self._shown), until_s)
         except ExceptionReply:
             # the session is lost; without it a new connection may still read, and stop the motor
             self._session = 0
             raise
-        self._check_known(reply[2:])
 
     def _repeat(self, build: Build, name: str) -> bytes:
         return self.transact(build, name, TWICE)[2:]
@@ -274,7 +274,8 @@ class NodeAccess(Transactor):
                 **{name: str(values[name]) for name in ("vendor", "model", "serial", "firmware")},
                 simulated=bool(int(values["capabilities"]) & reg.Capability.SIMULATED),
             )
-            self.recognise(request, reply[2:])
+            self._shown = reply[2:]
+            self.recognise(same_reply(request, self._shown))
         return self._identity
 
     def limits(self) -> dict[str, Value]:

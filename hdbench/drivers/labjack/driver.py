@@ -16,7 +16,7 @@ from hdbench.devices.daq import (
     clean_text,
 )
 from hdbench.devices.safestate import Seen
-from hdbench.devices.transactor import TWICE
+from hdbench.devices.transactor import TWICE, same_reply
 from hdbench.devices.wire.address import address_of
 from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack import scanlist
@@ -50,7 +50,7 @@ def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
     reply = control.ask(request, IDENTITY[0], TWICE)
     product, _, firmware, serial = decoded(IDENTITY, reply[1:])
     _check_model(control, round(product), int(serial), table)
-    control.recognise(request, reply[1:])
+    control.recognise(same_reply(request, reply[1:]))
     return Identity(
         vendor="LabJack",
         model=table.model,

@@ -100,6 +100,39 @@ def test_settings_are_written_only_where_they_differ():
         assert [pdu.hex() for pdu in found.written] == ["0600460052"]
 
 
+@pytest.mark.parametrize("wire", ["tcp", "udp", "rtu", "rtu+tcp", "ascii"])
+def test_after_a_lost_connection_another_device_at_the_address_is_never_written_to(wire):
+    encoder = {"role": "encoder", "address": 12, "type": "i32"}
+    made = table(identify=(KNOWN,), output=OUTPUT, channels=(TORQUE, encoder))
+    with served(made, wire=wire) as found, driver(made, found.address) as daq:
+        daq.identity()
+        daq.write_output("reference", 1.0)
+        daq._access._link.close()
+        found.call(lambda: found.device.memory.put(1, 4661))
+        written = len(found.written)
+        with pytest.raises(DeviceError, match="another device answers: holding 1 reads 4661"):
+            daq.write_output("reference", 0.5)
+        with pytest.raises(DeviceError, match="another device"):
+            daq.snapshot()
+        safe = daq.safe_state()
+        assert not safe.confirmed
+        assert "another device" in safe.detail
+        assert len(found.written) == written
+        found.call(lambda: found.device.memory.put(1, 4660))
+        assert daq.safe_state().confirmed
+
+
+def test_after_a_lost_connection_a_device_without_the_known_register_is_another_one():
+    made = table(identify=(KNOWN,), output=OUTPUT)
+    with served(made) as found, driver(made, found.address) as daq:
+        daq.identity()
+        daq._access._link.close()
+        found.call(lambda: found.device.memory._cells.pop(("holding", 1)))
+        with pytest.raises(DeviceError, match=r"another device answers .*: exception 2"):
+            daq.write_output("reference", 0.5)
+        assert found.written == []
+
+
 def test_a_reading_comes_every_period_with_its_time():
     with served(table()) as found, driver(table(), found.address) as daq:
         daq.configure(settings(12))
