@@ -25,7 +25,10 @@ def test_on_a_serial_line_it_prints_the_address_that_a_host_opens():
     try:
         told = json.loads(process.stdout.readline())
         assert told["address"].startswith("rtu:///dev/")
-        assert stop_bench(load_profile("cim-tr-97-06"), address=told["address"]).confirmed
+        data = load_profile("cim-tr-97-06").data
+        patient = {"address": told["address"], "deadline_s": 1.5, "watchdog_s": 2.0}
+        daq = data.daq.model_copy(update=patient)
+        assert stop_bench(data.model_copy(update={"daq": daq})).confirmed
         process.send_signal(signal.SIGTERM)
         rest, noise = process.communicate(timeout=60)
     finally:

@@ -37,6 +37,10 @@ _GRAIN_S = 0.005
 PROFILE = _REPORT.model_copy(
     update={"encoder": _REPORT.encoder.model_copy(update={"counts_per_turn": 2_000_000})}
 )
+# a bench at an address, where another process takes the processor for a while
+PATIENT = PROFILE.model_copy(
+    update={"daq": PROFILE.daq.model_copy(update={"deadline_s": 1.5, "watchdog_s": 2.0})}
+)
 VELOCITY_PER_VOLT = PROFILE.servo.velocity_gain_rad_s_per_v
 
 
@@ -231,6 +235,9 @@ def read_frame(connection: socket.socket) -> bytes:
         data += chunk
         if len(data) == 6:
             size += int.from_bytes(data[4:6], "big")
+            if size < 8:
+                # no frame of Modbus TCP, such as the greeting of TLS
+                return b""
     return data
 
 

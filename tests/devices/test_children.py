@@ -86,7 +86,7 @@ def test_an_emulator_that_says_a_lot_is_not_held_up(monkeypatch):
         f"sys.path[:0] = {[path for path in sys.path if path]!r}\n"
         "runpy.run_module('hdbench.devices.emulator', run_name='__main__')",
     )
-    monkeypatch.setattr(process, "_START_S", 8.0)
+    monkeypatch.setattr(process, "_START_S", 30.0)
     data = load_profile("cim-tr-97-06").data
     with process.running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
         assert str(found["address"]).startswith("tcp://")

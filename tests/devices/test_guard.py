@@ -35,6 +35,13 @@ from hdbench.profile.schema import ReferenceWave
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
+@pytest.fixture
+def patient_guard(monkeypatch):
+    """Give a device that answers the time that a busy computer takes from it."""
+    monkeypatch.setattr("hdbench.devices.guard.process.stopping.REPLY_S", 1.0)
+    monkeypatch.setattr("hdbench.devices.guard.process.stopping.SESSION_S", 10.0)
+
+
 def told(order_or_target):
     """Return it as the guard's process reads it."""
     return json.loads(as_json(order_or_target))
@@ -181,7 +188,7 @@ NO_REPLIES = {
 
 
 @pytest.mark.parametrize("kind", NO_REPLIES)
-def test_the_guard_takes_no_other_reply_for_its_own(kind):
+def test_the_guard_takes_no_other_reply_for_its_own(kind, request):
     def mangle(_number, reply):
         return NO_REPLIES[kind](reply, reply[7:])
 
@@ -190,6 +197,7 @@ def test_the_guard_takes_no_other_reply_for_its_own(kind):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
             assert make_safe(told(target), alone=False) != ""
         assert frames
+        request.getfixturevalue("patient_guard")
         with proxy(node.host, node.port, lambda _, reply: reply) as (host, port, _):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
             assert make_safe(told(target), alone=False) == ""
@@ -311,6 +319,7 @@ def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
         os.close(far)
 
 
+@pytest.mark.usefixtures("patient_guard")
 def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
     data = load_profile("cim-tr-97-06").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found:
@@ -392,6 +401,7 @@ def test_a_driver_without_known_bytes_is_made_safe_through_itself(tmp_path):
         assert motor(node) == 0.0
 
 
+@pytest.mark.usefixtures("patient_guard")
 def test_a_device_that_is_not_the_one_from_before_is_never_written_to(tmp_path):
     with turning(tmp_path) as (node, _):
         (target,) = order_of(profile_at(f"tcp://{node.host}:{node.port}")).targets

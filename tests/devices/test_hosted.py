@@ -324,7 +324,7 @@ def test_a_limit_in_the_samples_stops_the_motor_before_the_session_asks_again():
     daq, made = moving()
     daq.blocks = [block(0, [[0.0, 401.0 / TACHO, 0]])]
     made.read_block()
-    until(lambda: daq.reference_v == 0.0, 0.2)
+    until(lambda: daq.reference_v == 0.0, 0.4)
     with pytest.raises(DeviceError, match=r"motor speed \+401 rad/s crossed"):
         made.read_block()
     assert made.safe_state().confirmed

@@ -11,7 +11,7 @@ from subprocess import PIPE
 import numpy as np
 import pytest
 from forked import hdbench_process
-from nodekit import PROFILE, driver, host, until
+from nodekit import PATIENT, PROFILE, driver, host, until
 from served import read_samples
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator, open_bench, stop_bench
@@ -163,10 +163,10 @@ def test_anybody_can_stop_a_bench_that_another_process_drives():
     with running_emulator(PROFILE, plant="as-modelled", seed=0, pace="realtime") as found:
         address = found["address"]
         with host(address, amplitude_v=WAVE.amplitude_v):
-            third = open_bench(PROFILE, address=address)
+            third = open_bench(PATIENT, address=address)
             with pytest.raises(BusyError):
                 third.__enter__()
-            assert stop_bench(PROFILE, address=address).confirmed
+            assert stop_bench(PATIENT, address=address).confirmed
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, sto
     try:
         told = json.loads(process.stdout.readline())
         assert told["schema"] == "hdbench/emulator/1"
-        with open_bench(PROFILE, address=told["address"]) as bench:
+        with open_bench(PATIENT, address=told["address"]) as bench:
             bench.configure(AcquisitionSettings(1e-3, 50, WAVE))
             bench.start()
             read_samples(bench, 50)

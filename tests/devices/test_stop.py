@@ -19,7 +19,7 @@ WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 def test_a_bench_that_nobody_runs_is_stopped_and_confirmed(name):
     data = load_profile(name).data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        safe = stop_bench(opening._at(data, found))
+        safe = stop_bench(opening._at(data, found, deadline_s=0.9))
     assert safe.confirmed, safe.detail
     assert abs(safe.velocity_rad_s) < 0.5
 
@@ -27,7 +27,7 @@ def test_a_bench_that_nobody_runs_is_stopped_and_confirmed(name):
 def test_inputs_that_do_not_answer_do_not_keep_the_outputs_from_being_stopped(tmp_path):
     data = load_profile("di-2108-ek9000").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        there = opening._at(data, found)
+        there = opening._at(data, found, deadline_s=0.9)
         gone = there.daq.inputs.model_copy(update={"address": f"serial://{tmp_path}/gone"})
         there = there.model_copy(update={"daq": there.daq.model_copy(update={"inputs": gone})})
         safe = stop_bench(there)
@@ -41,7 +41,7 @@ def test_a_labjack_that_another_session_drives_is_stopped(tmp_path):
         found = stack.enter_context(
             running_emulator(data, plant="as-modelled", seed=0, pace="realtime")
         )
-        there = opening._at(data, found)
+        there = opening._at(data, found, deadline_s=0.9)
         bench = stack.enter_context(open_bench(there))
         bench.configure(AcquisitionSettings(2e-3, 100_000, WAVE))
         bench.start()
@@ -67,7 +67,7 @@ def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, monkeypatc
     """A name server that is down, or a frozen run on the inputs' line, keeps no motor running."""
     data = load_profile("di-2108-ek9000").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        there = opening._at(data, found)
+        there = opening._at(data, found, deadline_s=0.9)
         inputs = there.daq.inputs.address
 
         def number(address):
@@ -91,7 +91,7 @@ def test_outputs_stand_before_anybody_waits_for_the_line_of_the_inputs(monkeypat
     """A frozen run gives the line up after six seconds, or never."""
     data = load_profile("di-2108-ek9000").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        there = opening._at(data, found)
+        there = opening._at(data, found, deadline_s=0.9)
         seen = []
 
         def release(address):
