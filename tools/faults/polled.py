@@ -27,7 +27,7 @@ from faults.mangler import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.memory import Cell, Memory
 from hdbench.devices.emulator.server import Device
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.identity import make_probe
+from hdbench.devices.modbus.identity import check_identity, make_probe
 from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.modbus.outputs import Outputs
 from hdbench.devices.modbus.replies import polled_link
@@ -177,7 +177,7 @@ def campaign(
         if TABLE.output is None:
             raise ValueError("the table has no output")
         outputs = Outputs(access, TABLE, TABLE.output)
-        _open(access, places)
+        _open(access)
         mangler.share = SHARES[wire]
         while mangler.changed < faults and hopeless < HOPELESS:
             calls += 1
@@ -204,11 +204,11 @@ def campaign(
     return Outcome(wire, kind, *counted, *late)
 
 
-def _open(access: Access, places: list[Register]) -> None:
-    """Read once, so that what follows is not the cost of opening; a busy machine may need more."""
+def _open(access: Access) -> None:
+    """Ask who answers, as the driver does; every later connection is asked again."""
     for attempt in range(5):
         try:
-            access.read(places)
+            check_identity(access, TABLE)
         except DeviceError:
             if attempt == 4:
                 raise
