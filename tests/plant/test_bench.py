@@ -340,7 +340,7 @@ def test_an_extended_model_is_emulated_with_its_causes() -> None:
     assert error_nm <= TORQUE_ERROR_NM
     assert bench.truth()["causes"] == ["ripple-harmonic"]
     bench.halt()
-    assert len(bench.advance(100)) == 100
+    assert len(bench.advance(100).codes) == 100
 
 
 def test_samples_before_an_acquisition_are_refused() -> None:
