@@ -199,7 +199,8 @@ def said(error: Mapping[str, Any]) -> str:
     return f"found {error['input']!r}; {words}"
 
 
-_PROFILES = resources.files("hdbench_profiles")
+def _profiles() -> Traversable:
+    return resources.files("hdbench_profiles")
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +250,7 @@ def list_profiles() -> tuple[str, ...]:
     -------
     tuple of str
     """
-    return named_files(_PROFILES)
+    return named_files(_profiles())
 
 
 def named_files(folder: Traversable) -> tuple[str, ...]:
@@ -288,7 +289,7 @@ def load_profile(name_or_path: str) -> Profile:
     ProfileError
         If there is no such profile, or it is invalid; then ``problems`` holds every problem.
     """
-    return parse_profile(*named_text(name_or_path, _PROFILES, "profile"))
+    return parse_profile(*named_text(name_or_path, _profiles(), "profile"))
 
 
 def check_profiles(names: Sequence[str]) -> tuple[Profile, ...]:

@@ -10,16 +10,19 @@ import socket
 import struct
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hdbench.devices import pymodbusparts as pm
 from hdbench.devices.wire.address import Address, dial
 from hdbench.devices.wire.link import FrameError, Link, Probe, ReplyCheck
 from hdbench.devices.wire.rtu import RtuLink
 from hdbench.devices.wire.tcp import Secure, TcpLink, left_to_connect_s, security_of
-from hdbench.profile.acquiring_table import TlsFiles
 from hdbench.system.lines import Claim, PortIo, socket_io
 from hdbench.system.sockets import TimedSocket
+
+# the guard loads this module, and of hdbench nothing but the wire
+if TYPE_CHECKING:
+    from hdbench.profile.acquiring_table import TlsFiles
 
 _INCOMPLETE = (0, 0, 0, b"")
 # longest frame of the ASCII form: colon, 2 x 255 characters, end of line

@@ -13,8 +13,9 @@ from modbuskit import BENCH as PROFILE
 from modbuskit import TORQUE, driver, served, table
 from stopwatch import Stopwatch
 
-from hdbench.devices.guard.order import as_json
+from hdbench.devices.guard.order import as_json, order_of
 from hdbench.devices.guard.process.stopping import make_safe, note_identity
+from hdbench.devices.guard.session import GuardProcess
 from hdbench.devices.modbus.driver import stop_target
 from hdbench.devices.modbus.replies import StrictClient, polled_link
 from hdbench.devices.wire.address import parse_address
@@ -274,3 +275,11 @@ def test_the_ascii_form_has_seven_bits_unless_told():
     assert parse_address("ascii:///dev/ttyUSB0?baud=9600").serial.character_s == 10 / 9600
     assert parse_address("ascii:///dev/ttyUSB0?baud=9600&bits=8").serial.data_bits == 8
     assert parse_address("rtu:///dev/ttyUSB0?baud=9600").serial.character_s == 11 / 9600
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_the_guard_reaches_a_polled_device_on_every_wire(wire):
+    """Its process has the standard library and the libraries of the wire alone."""
+    with served(BENCH, wire=wire) as found:
+        daq = BENCH.model_copy(update={"address": found.address})
+        GuardProcess(order_of(PROFILE.model_copy(update={"daq": daq})), 5.0).end()
