@@ -6,7 +6,7 @@ import difflib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Annotated, Any, Self, dataclass_transform
+from typing import Annotated, Any, ClassVar, Self, dataclass_transform
 
 from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -78,15 +78,19 @@ def _is_empty(value: object) -> bool:
 class Part:
     """Part of a result, with its JSON: every class made of it is a frozen dataclass."""
 
+    # one for each class: made anew for a call it would build the schema anew
+    _adapter: ClassVar[TypeAdapter[Any]]
+
     def __init_subclass__(
         cls, *, kw_only: bool = True, closed: bool = False, strict: bool = False
     ) -> None:
         config = ConfigDict(**_CONFIG, extra="forbid" if closed else "ignore", strict=strict)
         dataclass(frozen=True, kw_only=kw_only, config=config)(cls)
+        cls._adapter = TypeAdapter(cls)
 
     def to_json(self) -> dict[str, Any]:
         """Return the keys as the JSON file holds them, in its order."""
-        body: dict[str, Any] = TypeAdapter(type(self)).dump_python(self, mode="json", by_alias=True)
+        body: dict[str, Any] = self._adapter.dump_python(self, mode="json", by_alias=True)
         return body
 
     @classmethod
@@ -110,11 +114,13 @@ class Part:
         try:
             if cls.__dict__["__pydantic_config__"]["strict"]:
                 # of JSON a list is strictly a tuple, too
-                return TypeAdapter(cls).validate_json(json.dumps(body))
-            return TypeAdapter(cls).validate_python(body)
+                part: Self = cls._adapter.validate_json(json.dumps(body))
+            else:
+                part = cls._adapter.validate_python(body)
         except ValidationError as error:
             place, what = first_fault(error, [field.name for field in fields(cls)])  # type: ignore[arg-type]
             raise DataError(what, where=f"{where}: {place}" if place else where, fix=fix) from error
+        return part
 
 
 def first_fault(error: ValidationError, known: Sequence[str] = ()) -> tuple[str, str]:
