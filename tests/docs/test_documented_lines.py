@@ -15,7 +15,6 @@ from forked import hdbench_process
 
 from hdbench_cli import inputs
 from hdbench_cli import main as main_module
-from hdbench_cli.commands import demo
 from hdbench_cli.output import Output
 
 ROOT = Path(__file__).parents[2]
@@ -183,8 +182,7 @@ def short_runs(tmp_path, monkeypatch, changed_profile) -> None:
         ripple={"duration_s": 8.0},
     )
     Path("short.toml").write_text(short)
-    for module in (inputs, demo):
-        monkeypatch.setattr(module, "DEFAULT_PROFILE", "short.toml")
+    monkeypatch.setattr(inputs, "DEFAULT_PROFILE", "short.toml")
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr("sys.stdin", io.StringIO())
 

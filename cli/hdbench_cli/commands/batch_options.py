@@ -14,9 +14,8 @@ from click.core import ParameterSource
 from hdbench import __version__
 from hdbench.batch import Input, content_of
 from hdbench.errors import UsageError, nothing_stored
-from hdbench.profile import load_profile
 from hdbench_cli.commandline import batch_options
-from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.inputs import choose_profile
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ class Asked:
                     fix="leave that column out",
                 )
             words += [(option, value)] if value else []
-        profile = dict(words).get("--profile", "") or DEFAULT_PROFILE
+        profile = dict(words).get("--profile", "")
         meaning = [
             __version__,
             self._name,
@@ -69,7 +68,7 @@ class Asked:
     def _profile(self, name: str) -> str:
         key = f"profile {name}"
         if key not in self._digests:
-            self._digests[key] = load_profile(name).sha256
+            self._digests[key] = choose_profile(name or None, None).sha256
         return self._digests[key]
 
 

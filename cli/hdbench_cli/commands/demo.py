@@ -12,12 +12,12 @@ import numpy as np
 from hdbench.devices.operator import hidden_effects
 from hdbench.diagnosis import Diagnosis, diagnose_run, diagnose_trace
 from hdbench.model import load_model, simulate_like, with_noise
-from hdbench.profile import Profile, load_profile
+from hdbench.profile import Profile
 from hdbench.records import read_trace, resolve_input
 from hdbench.session import BenchOptions, run_experiment
 from hdbench_cli.commands import diagnosis_text
 from hdbench_cli.commands.experiment_text import LINES, calibration_summary
-from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.inputs import choose_profile
 from hdbench_cli.live.progress import progress_bar
 from hdbench_cli.output import Output
 from hdbench_cli.text import Lines, styled
@@ -80,8 +80,8 @@ def demo_command(output: Output, out: Path, plant: str, seed: int) -> None:
     from hdbench.report import write_report
 
     started = time.monotonic()
-    profile = load_profile(DEFAULT_PROFILE)
-    output.note(f"embedded bench {DEFAULT_PROFILE}, plant {plant}, seed {seed}")
+    profile = choose_profile(None, None)
+    output.note(f"embedded bench {profile.name}, plant {plant}, seed {seed}")
     done = _runs(output, profile, out, plant, seed)
     ripple = done["ripple"].folder.path
     with progress_bar("diagnose") as progress:

@@ -13,7 +13,7 @@ import click
 from hdbench import __version__
 from hdbench.errors import HdbenchError, LimitError, Stopped, UsageError
 from hdbench.filter import kernel_name, kernel_reason
-from hdbench.profile import Profile, load_profile
+from hdbench.profile import Profile
 from hdbench.session.doctor import (
     Finding,
     check_bench,
@@ -23,7 +23,7 @@ from hdbench.session.doctor import (
 )
 from hdbench.session.stop import StopRequested, listen
 from hdbench.session.watchdogproof import WatchdogProof, creep_rad_s, prove_watchdog
-from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.inputs import choose_profile
 from hdbench_cli.output import Output
 from hdbench_cli.text import Lines, styled
 
@@ -56,7 +56,7 @@ def doctor_command(
     findings = check_computer(out)
     proof = None
     try:
-        profile = load_profile(profile_name or DEFAULT_PROFILE)
+        profile = choose_profile(profile_name, None)
     except HdbenchError as error:
         findings.append(Finding("profile", False, error.what, error.fix))
     else:

@@ -19,9 +19,9 @@ from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.trace import no_time
-from hdbench.profile import Profile, load_profile
+from hdbench.profile import Profile
 from hdbench.records import result_header
-from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.inputs import choose_profile
 from hdbench_cli.next_step import after_import, next_line
 from hdbench_cli.output import Output
 
@@ -141,7 +141,7 @@ def import_command(
             where="--from-logger",
             fix="leave one of them out",
         )
-    profile = load_profile(profile_name or DEFAULT_PROFILE)
+    profile = choose_profile(profile_name, None)
     timed = {"time_s": time} if time is not None else {}
     recipe = Recipe(
         "loads" if kind == "staircase" else kind,

@@ -8,10 +8,9 @@ from typing import Any
 
 from hdbench.diagnosis.inspection import inspect_log, read_log
 from hdbench.errors import LimitError
-from hdbench.profile import load_profile
 from hdbench.records import resolve_input
 from hdbench.records.provenance import input_identity
-from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.inputs import choose_profile
 from hdbench_cli.output import Output
 from hdbench_cli.text import Lines, styled
 
@@ -28,7 +27,7 @@ def inspect_command(
     check: bool,
 ) -> None:
     """Say what a log can tell: sampling, bandwidth, resolution, origin and delay of channels."""
-    profile = load_profile(profile_name or DEFAULT_PROFILE)
+    profile = choose_profile(profile_name, None)
     file = resolve_input(source) if (source / "run.json").is_file() else source
     log = read_log(file, topic=topic, joint=joint)
     found = inspect_log(log, profile.data)
