@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from hdbench.errors import DataError, HdbenchError, UsageError
+from hdbench.errors import DataError, HdbenchError, UsageError, told_error
 from hdbench.importing.source import (
     PIECE_ROWS,
     Asked,
@@ -316,7 +316,7 @@ class IsolatedSource(Source):
         except EOFError:
             raise damaged(self.path, self.form, self._process.why_ended()) from None
         if "error" in head:
-            raise _as_error(head["error"])
+            raise told_error(head["error"])
         return head, arrays
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
@@ -339,8 +339,3 @@ class IsolatedSource(Source):
         self._process.closed += 1
         with suppress(HdbenchError):
             self._ask("close")
-
-
-def _as_error(body: dict[str, Any]) -> HdbenchError:
-    kind = UsageError if body["exit_code"] == UsageError.exit_code else DataError
-    return kind(body["what"], where=body["where"], fix=body["fix"])
