@@ -81,10 +81,12 @@ def evaluate_ripple(
     *,
     scale: TorqueScale,
     filter_model: FilterModel,
-    orders: tuple[float, ...] | None = None,
     stretch: Stretch | None = None,
 ) -> RippleResult:
     """Evaluate the torque ripple of a run.
+
+    Its orders are those of the model's baseline: 2, 4 and further ones of the profile, seen from
+    a turning flexspline times 1 + 1/N.
 
     Parameters
     ----------
@@ -96,10 +98,6 @@ def evaluate_ripple(
         Gain with its uncertainty.
     filter_model : FilterModel
         Filter whose suppression is measured.
-    orders : tuple of float, optional
-        Motor orders, cycles per motor turn, above 0, all different; without it those of the
-        model's baseline: 2, 4 and further ones of the profile, seen from a turning flexspline
-        times 1 + 1/N.
     stretch : Stretch, optional
         Which samples; all without it.
 
@@ -112,8 +110,6 @@ def evaluate_ripple(
     DataError
         If a channel is missing, the motor turns less than two cycles of the lowest order, or too
         few samples are left to tell the orders apart.
-    UsageError
-        If an order is not a finite number above 0.
 
     Notes
     -----
@@ -129,7 +125,7 @@ def evaluate_ripple(
     ----------
     .. [1] H. D. Taghirad, CIM-TR-97-06, McGill University, 1997, section 4.
     """
-    orders = baseline_orders(profile) if orders is None else orders
+    orders = baseline_orders(profile)
     stretch = stretch or Stretch()
     record = _within(read_motion(trace, profile, scale), stretch)
     _check_travel(record, orders, stretch)
@@ -166,12 +162,6 @@ def _within(record: MotionRecord, stretch: Stretch) -> MotionRecord:
 
 def _check_travel(record: MotionRecord, orders: tuple[float, ...], stretch: Stretch) -> None:
     """Raise where the motor turns less than two cycles of the lowest order."""
-    if not (orders and all(0.0 < order < math.inf for order in orders)):
-        raise UsageError(
-            f"orders are {orders}; needed: one or more finite numbers above 0",
-            where="orders",
-            fix="name the motor orders to be fitted, such as 2 and 4",
-        )
     cycles = float(np.ptp(record.motion.angle_rad[record.used])) / (2.0 * math.pi) * min(orders)
     if not cycles >= _LEAST_CYCLES:
         raise DataError(

@@ -141,7 +141,7 @@ def model_dict(
     }
 
 
-def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
+def load_model(path: Path) -> BenchModel:
     """Read a model file.
 
     Parameters
@@ -149,9 +149,6 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
     path : Path
         A file that `save_model` or a person wrote. A (cosine, sine) pair may be given by its
         amplitude and phase alone.
-    extra : sequence of Cause
-        Causes beside the catalogue and beside those that the file itself declares, that it may
-        name.
 
     Returns
     -------
@@ -178,7 +175,7 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
         (baseline.misalignment.amplitude_nm, baseline.misalignment.phase_rad),
         provenance=stored.provenance,
         load=baseline.load,
-    ).with_extra((*extra, *declared))
+    ).with_extra(declared)
     for i, entry in enumerate(stored.causes):
         model = model.with_cause(_term(entry, f"{file}: key causes.{i}", model.extra_causes))
     return model

@@ -93,9 +93,7 @@ class RegressionReport:
         }
 
 
-def compare_folder(
-    folder: Path, *, update: bool = False, keep_going: bool = False
-) -> RegressionReport:
+def compare_folder(folder: Path, *, update: bool = False) -> RegressionReport:
     """Evaluate every case of a folder again and compare it with its expected result.
 
     Parameters
@@ -104,19 +102,16 @@ def compare_folder(
         Folder of cases, or one case.
     update : bool
         Write what comes out as the expected result, after comparing.
-    keep_going : bool
-        Tell of a case that cannot be compared in its report instead of raising, and go on.
 
     Returns
     -------
     RegressionReport
-        A regression is reported, not raised.
+        A regression is reported, not raised, and so is a case that cannot be compared.
 
     Raises
     ------
     DataError
-        If there is no case; unless `keep_going`, if a case or its input is invalid or it has no
-        expected result.
+        If there is no case.
     StorageError
         If an expected result cannot be written.
     """
@@ -126,8 +121,6 @@ def compare_folder(
         try:
             cases.append(_run(Case(place), update))
         except DataError as error:
-            if not keep_going:
-                raise
             cases.append(CaseReport(Path(place).name, "unknown", 0, (), False, error))
     return RegressionReport(str(folder), tuple(cases))
 

@@ -220,8 +220,6 @@ def test_a_model_file_carries_declared_causes(tmp_path, profile, make_motion):
     motion = make_motion()
     assert found.torque_nm(motion).tobytes() == model.torque_nm(motion).tobytes()
     assert [c.definition for c in found.extra_causes] == [c.definition for c in causes]
-    # the same causes from the file and from the model are one; others of that name are none
-    assert load_model(path, extra=causes).causes == found.causes
     again = tmp_path / "again.json"
     save_model(again, found, profile=profile, provenance={})
     assert again.read_bytes() == path.read_bytes()

@@ -18,7 +18,7 @@ from known_traces import (
 )
 from scipy.stats import binom
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError
 from hdbench.filter import filter_trace, preset
 from hdbench.records import Quantity, TorqueScale, Trace
 from hdbench.results import RippleResult
@@ -212,12 +212,6 @@ def test_a_motor_that_hardly_turns_is_refused(velocity, text):
     trace = known_trace(np.random.default_rng(12), np.full(3000, velocity))
     with pytest.raises(DataError, match=text):
         evaluate(trace)
-
-
-def test_an_order_that_is_no_order_is_refused():
-    trace = known_trace(np.random.default_rng(13), reversing_velocity(3.0))
-    with pytest.raises(UsageError, match="above 0"):
-        evaluate_ripple(trace, BENCH, scale=scale(), filter_model=FILTER, orders=(2.0, math.nan))
 
 
 def lara8(*, encoder: bool) -> Trace:

@@ -17,7 +17,7 @@ def regress_command(
     output: Output, folder: Path, update: bool, junit: Path | None, html_file: Path | None
 ) -> None:
     """Evaluate stored traces again and compare with stored results."""
-    report = compare_folder(folder, update=update, keep_going=True)
+    report = compare_folder(folder, update=update)
     if junit is not None:
         write_junit(junit, report)
     body = report.to_dict()
