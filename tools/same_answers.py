@@ -36,6 +36,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SET = Path(__file__).with_suffix(".txt")
 PATIENCE_S = 900.0
 PLACEHOLDER = re.compile(r"\{([\w-]+)\}")
+NUMBERS = re.compile(r": (-?\d[\d.e+-]*) -> (-?\d[\d.e+-]*)$")
 HIDDEN = (
     "ripple-harmonic", "motor-unbalance", "structural-tone", "coulomb-friction", "hysteresis",
     "zero-step", "position-dependent-gain",
@@ -70,10 +71,15 @@ def fixed_set() -> dict[str, tuple[str, list[str]]]:
     return out
 
 
-def intended() -> list[tuple[str, str]]:
-    """Return patterns of differences that are on purpose, "command/file: difference", and why."""
-    lines = (line[2:].rpartition(" = ") for line in SET.read_text().splitlines() if line[:1] == "~")
-    return [(pattern, reason) for pattern, _, reason in lines]
+def intended() -> list[tuple[str, float, str]]:
+    """Return patterns of differences on purpose, how large they may be, and why they are."""
+    out = []
+    for line in SET.read_text().splitlines():
+        if line.startswith("~"):
+            told, _, reason = line[2:].rpartition(" = ")
+            pattern, _, most = told.partition(" within ")
+            out.append((pattern, float(most or "inf"), reason))
+    return out
 
 
 def chosen(only: list[str]) -> list[str]:
@@ -301,7 +307,12 @@ def _file_differences(before: Path, after: Path, beyond: float) -> Iterator[str]
 
 def _reason(difference: str) -> str:
     """Return why a difference is on purpose; empty where it is not."""
-    return next((why for what, why in intended() if fnmatchcase(difference, what)), "")
+    numbers = NUMBERS.search(difference)
+    size = abs(float(numbers[2]) - float(numbers[1])) if numbers else math.inf
+    return next(
+        (why for what, most, why in intended() if size <= most and fnmatchcase(difference, what)),
+        "",
+    )
 
 
 def compare(before: Path, after: Path, beyond: float) -> int:

@@ -70,3 +70,15 @@ def test_what_has_a_reason_is_counted_apart(tmp_path, capsys, monkeypatch):
     assert "on purpose, a better gain: 1\n" in capsys.readouterr().out
     folders = folders[0], recorded(tmp_path / "c", after | {"extra": 1})
     assert same_answers.compare(*folders, beyond=0.0) == 1
+
+
+@pytest.mark.parametrize(
+    ("after", "differs"),
+    [({"gain": 6.5 + 1e-12}, 0), ({"gain": 6.5 + 1e-6}, 1), ({"gain": "none"}, 1)],
+)
+def test_a_reason_for_rounding_is_none_for_more(tmp_path, monkeypatch, after, differs):
+    fixed = tmp_path / "set.txt"
+    fixed.write_text("~ cal-0/*: .gain: * within 1e-9 = rounding\n[calibrate]\ncal-0: calibrate\n")
+    monkeypatch.setattr(same_answers, "SET", fixed)
+    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE | after)
+    assert same_answers.compare(*folders, beyond=0.0) == differs
