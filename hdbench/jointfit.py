@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from hdbench.estimation.harmonics import Harmonic, harmonic_at, scaled
 from hdbench.estimation.regression import LinearFit, coloured_fit
 from hdbench.estimation.search import FALSE_ALARM_LEVEL, Line, LineFit, fit_with_lines
-from hdbench.estimation.stretches import data_flags, stretch_starts, torque_channel
+from hdbench.estimation.stretches import data_flags, stretch_starts
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.model.motion import Motion, motion_from_trace
+from hdbench.profile.channels import torque_channel
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace
@@ -100,7 +101,7 @@ class JointFit:
 
 def read_motion(trace: Trace, profile: ProfileData, scale: TorqueScale) -> MotionRecord:
     """Return torque and motion of a trace; every sample that has both is used."""
-    torque = torque_channel(trace, scale)
+    torque = torque_channel(trace, scale.gain_nm_per_v.value)
     motion = motion_from_trace(trace, profile)
     expected = profile.drive.load_inertia_kg_m2 / motion.gear_ratio * motion.acceleration_rad_s2
     return MotionRecord(

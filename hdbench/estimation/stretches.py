@@ -1,4 +1,4 @@
-"""Torque channel of a record: doubtful samples, stretches without a gap, steady speed."""
+"""Samples of a record: what is doubtful, stretches without a gap, steady speed."""
 
 from __future__ import annotations
 
@@ -10,51 +10,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError
 from hdbench.profile.schema import ProfileData
-from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.parts import DataFlag
 
 # a step of time above this many median periods is a gap: jitter of a foreign log stays below
 _GAP_PERIODS = 2.5
-
-
-def torque_channel(trace: Trace, scale: TorqueScale) -> FloatArray:
-    """Return the measured torque.
-
-    Parameters
-    ----------
-    trace : Trace
-        With ``torque_nm`` or ``torque_v``.
-    scale : TorqueScale
-        Gain for volts, or the gain that made ``torque_nm`` of them.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Torque, N m; NaN where a sample is missing.
-
-    Raises
-    ------
-    DataError
-        If the trace has neither channel.
-
-    Notes
-    -----
-    ``torque_nm`` is taken as it stands; without it ``torque_nm = gain_nm_per_v * torque_v``. Who
-    wants another gain for a trace that holds both writes ``torque_nm`` anew from ``torque_v``.
-    """
-    if "torque_nm" in trace:
-        return trace["torque_nm"]
-    if "torque_v" in trace:
-        return scale.gain_nm_per_v.value * trace["torque_v"]
-    raise DataError(
-        f"the trace has no torque channel; found columns {', '.join(trace.columns)}, "
-        "needed torque_v (V) or torque_nm (N m)",
-        where=trace.source,
-        fix="name the torque column when importing: --map torque_nm=COLUMN",
-    )
 
 
 def true_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -28,6 +28,7 @@ from hdbench.filter.kalman import (
     run,
 )
 from hdbench.filter.model import FilterModel, OscillatorBlock
+from hdbench.profile.channels import angle_channel, velocity_channel
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray, Trace
 
@@ -324,22 +325,8 @@ def filter_channels(trace: Trace, profile: ProfileData, *, use_measured_angle: b
             where=trace.source,
             fix="give the torque in N m, or torque_v and a gain in N m/V",
         )
-    if "motor_velocity_rad_s" in trace:
-        velocity = trace["motor_velocity_rad_s"]
-    elif "tacho_v" in trace:
-        velocity = trace["tacho_v"] * profile.tacho.gain_rad_s_per_v
-    else:
-        raise DataError(
-            "there is neither motor_velocity_rad_s nor tacho_v",
-            where=trace.source,
-            fix="record the motor velocity or the tacho voltage; the filter needs one of them",
-        )
-    angle = None
-    if use_measured_angle:
-        if "motor_angle_rad" in trace:
-            angle = trace["motor_angle_rad"]
-        elif "encoder_count" in trace:
-            angle = trace["encoder_count"] * (2.0 * np.pi / profile.encoder.counts_per_turn)
+    velocity = velocity_channel(trace, profile)
+    angle = angle_channel(trace, profile) if use_measured_angle else None
     return Channels(trace.time_s, velocity, trace["torque_nm"], angle, trace.source)
 
 

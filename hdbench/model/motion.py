@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError
-from hdbench.model.localfit import fit_derivative, smoothed
+from hdbench.model.localfit import LocalFit, fit_derivative, smoothed
+from hdbench.profile.channels import angle_channel, torque_channel, velocity_channel
 from hdbench.profile.schema import Drive, ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -78,33 +79,37 @@ def integrate_velocity(
 
 def velocity_slope(time_s: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
     """Return the acceleration that a velocity gives, without lag."""
+    return _by_velocity(time_s, velocity_rad_s).derivative
+
+
+def angle_curvature(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
+    """Return the acceleration that a measured angle gives, without lag."""
+    return _by_angle(time_s, angle_rad).derivative
+
+
+def _by_velocity(time_s: FloatArray, velocity_rad_s: FloatArray) -> LocalFit:
     return fit_derivative(
         time_s,
         velocity_rad_s,
         derivative=1,
         degree=_VELOCITY_DEGREE,
         window_s=ACCELERATION_WINDOW_S,
-    ).derivative
+    )
 
 
-def angle_curvature(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
-    """Return the acceleration that a measured angle gives, without lag."""
+def _by_angle(time_s: FloatArray, angle_rad: FloatArray) -> LocalFit:
     return fit_derivative(
         time_s, angle_rad, derivative=2, degree=_ANGLE_DEGREE, window_s=ACCELERATION_WINDOW_S
-    ).derivative
+    )
 
 
 def sampled_acceleration(
     time: FloatArray, velocity: FloatArray, angle: FloatArray, source: str
 ) -> tuple[FloatArray, str, float]:
     """Return the acceleration by velocity or measured angle, whichever has less noise."""
-    by_velocity = fit_derivative(
-        time, velocity, derivative=1, degree=_VELOCITY_DEGREE, window_s=ACCELERATION_WINDOW_S
-    )
+    by_velocity = _by_velocity(time, velocity)
     if source != "velocity":
-        by_angle = fit_derivative(
-            time, angle, derivative=2, degree=_ANGLE_DEGREE, window_s=ACCELERATION_WINDOW_S
-        )
+        by_angle = _by_angle(time, angle)
         # false where either is unknown (NaN): the velocity is then kept
         if by_angle.noise_std < by_velocity.noise_std:
             return by_angle.derivative, "angle", by_angle.noise_std
@@ -243,7 +248,7 @@ def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
     interpolated: a lost sample has no velocity, no acceleration and is not valid.
     """
     time = _checked_time(trace)
-    velocity = _velocity(trace, profile)
+    velocity = velocity_channel(trace, profile)
     angle, source, bridged = _angle(trace, profile, velocity)
     measured_output = trace.columns.get("output_angle_rad")
     output = angle / profile.drive.gear_ratio if measured_output is None else measured_output
@@ -280,16 +285,7 @@ def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
 
 def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
     """Return the torque of a trace, N m: its column, or volts times the profile's gain."""
-    if "torque_nm" in trace:
-        return trace["torque_nm"]
-    if "torque_v" in trace:
-        return np.asarray(trace["torque_v"] * profile.sensor.gain_nm_per_v)
-    raise DataError(
-        f"no torque among the columns {', '.join(trace.columns)}; needed: torque_nm in N m, or "
-        "torque_v in V",
-        where=f"{trace.source}: header",
-        fix="add the column, or name it with `hdbench import --map torque_nm=COLUMN`",
-    )
+    return torque_channel(trace, profile.sensor.gain_nm_per_v)
 
 
 def _smooth_load(trace: Trace, time: FloatArray) -> FloatArray | None:
@@ -315,28 +311,13 @@ def _checked_time(trace: Trace) -> FloatArray:
     return time
 
 
-def _velocity(trace: Trace, profile: ProfileData) -> FloatArray:
-    """Return the motor velocity, measured or from the tacho's volts."""
-    if "motor_velocity_rad_s" in trace:
-        return trace["motor_velocity_rad_s"]
-    if "tacho_v" in trace:
-        return trace["tacho_v"] * profile.tacho.gain_rad_s_per_v
-    raise DataError(
-        f"no velocity among the columns {', '.join(trace.columns)}; needed: "
-        "motor_velocity_rad_s in rad/s, or tacho_v in V",
-        where=f"{trace.source}: header",
-        fix="add the column, or name it with `hdbench import --map motor_velocity_rad_s=COLUMN`",
-    )
-
-
 def _angle(
     trace: Trace, profile: ProfileData, velocity: FloatArray
 ) -> tuple[FloatArray, str, NDArray[np.bool_] | None]:
     """Return the motor angle, where it came from, and where it stepped over a gap."""
-    if "motor_angle_rad" in trace:
-        return trace["motor_angle_rad"], "motor_angle_rad", None
-    if "encoder_count" in trace:
-        scale = 2.0 * np.pi / profile.encoder.counts_per_turn
-        return trace["encoder_count"] * scale, "encoder_count", None
+    measured = angle_channel(trace, profile)
+    if measured is not None:
+        source = "motor_angle_rad" if "motor_angle_rad" in trace else "encoder_count"
+        return measured, source, None
     angle, bridged = integrate_velocity(trace.time_s, velocity)
     return angle, "velocity", bridged
