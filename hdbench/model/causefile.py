@@ -22,7 +22,14 @@ from hdbench.model.declared import (
     cause_of,
 )
 from hdbench.model.definition import Cause
-from hdbench.profile.loader import file_problem, key_text, problem, said, said_elsewhere
+from hdbench.profile.loader import (
+    all_problems,
+    file_problem,
+    key_text,
+    problem,
+    said,
+    said_elsewhere,
+)
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text, tuples
 
 _HELP = "docs/causes.md lists keys, units and domains"
@@ -124,12 +131,5 @@ def _taken(path: str, lines: Mapping[Key, int], specs: Iterable[Spec]) -> Iterab
 
 
 def _all_problems(path: str, found: list[ProfileError]) -> DataError:
-    found.sort(key=lambda error: int(error.where.rpartition(":")[2]))
-    if len(found) == 1:
-        return DataError(found[0].what, where=found[0].where, fix=found[0].fix)
-    return DataError(
-        f"{len(found)} problems: " + "; ".join(error.what for error in found[:5]),
-        where=path,
-        fix="correct each of them",
-        problems=tuple(found),
-    )
+    whole = found[0] if len(found) == 1 else all_problems(path, found)
+    return DataError(whole.what, where=whole.where, fix=whole.fix, problems=whole.problems)

@@ -446,12 +446,9 @@ class TorqueRecord(Part):
     relative_expanded_uncertainty: float | None = optional("relative, k = 2")
 
 
-class InstrumentRecord(Part):
+class InstrumentRecord(TorqueRecord):
     """What was declared of the instrument that reads the bridge."""
 
-    certificate: str = key("its certificate", default="")
-    identity: str = key("type and serial number", default="")
-    relative_expanded_uncertainty: float | None = optional("relative, k = 2")
     resolution_v: float | None = optional("smallest step of its indication", "V")
 
 

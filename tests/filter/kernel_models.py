@@ -1,7 +1,5 @@
 """Filter models and samples for the kernel's tests, and the kernel called with a model."""
 
-from dataclasses import replace
-
 import numpy as np
 from filter_oracle import motion
 
@@ -65,22 +63,6 @@ def tuned(kind="matern-3/2", *, gate=None, r=2.5e-3, inertia=1.725e-2):
     )
     prior = {"order_prior_std_nm": 0.5, "slow_prior_std_nm": 3.0, "gate_sigma": gate}
     return filter_model(blocks, r, inertia=inertia, slow=(slow_block(kind),), **prior)
-
-
-def louder(model, factor):
-    """Return the model of a torque times the root of `factor`."""
-    scale = factor**0.5
-    return replace(
-        model,
-        blocks=tuple(replace(b, process_noise=b.process_noise * factor) for b in model.blocks),
-        slow=tuple(
-            replace(b, noise_per_s=b.noise_per_s * factor, variance=b.variance * factor)
-            for b in model.slow
-        ),
-        measurement_noise=model.measurement_noise * factor,
-        order_prior_std_nm=model.order_prior_std_nm * scale,
-        slow_prior_std_nm=model.slow_prior_std_nm * scale,
-    )
 
 
 def samples(n=1500, seed=1, missing=True):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tuning_campaign
-from kernel_models import filter_model, louder, new_state, order_block, run
+from kernel_models import filter_model, new_state, order_block, run
 from numpy.testing import assert_allclose
 from tuning_traces import channels, needs_compiled_kernel, turning
 
@@ -28,7 +28,7 @@ from hdbench.filter.tuning.limits import (
     slow_density,
     with_moving_offset,
 )
-from hdbench.filter.tuning.problem import describe_motion, score
+from hdbench.filter.tuning.problem import describe_motion, scaled, score
 from hdbench.filter.tuning.result import Estimate, check_innovations, ljung_box, nis_band
 from hdbench.filter.tuning.run import TuningSettings, settings_of
 from hdbench.filter.tuning.search import curvature
@@ -58,9 +58,9 @@ def test_the_score_is_the_likelihood_with_all_noise_scaled_to_the_data(block):
     y[100:130] = np.nan
     model = relative_model((block,))
     found = score(model, [channels(t, v, y, angle)])
-    scaled = louder(model, found.noise_nm2)
+    absolute = scaled(model, found.noise_nm2)
     # the likelihood of a filter is held against statsmodels in test_kernel_properties
-    wanted = run(scaled, new_state(scaled), t, v, y, angle_rad=angle)
+    wanted = run(absolute, new_state(absolute), t, v, y, angle_rad=angle)
     assert found.samples == wanted.n_used == np.isfinite(y).sum()
     # 1e-8: agreement asked of two ways to one likelihood; rounding of 1200 samples is below
     assert found.log_likelihood == pytest.approx(wanted.log_likelihood, rel=1e-8)

@@ -29,7 +29,6 @@ from hdbench.results.calibration import (
     Criterion,
     GainUncertainty,
     IdentityRecord,
-    InstrumentRecord,
     LoadGroup,
     LoadStep,
     ReadingRecord,
@@ -105,7 +104,7 @@ def _standards(standards: StandardsRecord, account: AppliedTorqueAccount) -> Tab
     return Table("Standards", ("standard", "uncertainty", "certificate or source"), rows)
 
 
-def _expanded(standard: TorqueRecord | InstrumentRecord) -> str:
+def _expanded(standard: TorqueRecord) -> str:
     size = standard.relative_expanded_uncertainty
     return "not declared" if size is None else f"U = {1e6 * size:.3g} ppm (k = 2)"
 
