@@ -288,26 +288,20 @@ def test_a_file_where_a_folder_has_to_be_is_told_as_such(ask, tmp_path):
     assert "a file stands where a folder has to be" in told.fix
 
 
-def leaves(group: click.Group, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def leaves(
+    group: click.Group, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)
+        assert command is not None
         if isinstance(command, click.Group):
             yield from leaves(command, (*path, name))
         else:
-            yield (*path, name)
+            yield (*path, name), command
 
 
-def command_of(path: tuple[str, ...]) -> click.Command:
-    found: click.Command | None = main_module.cli
-    for name in path:
-        assert isinstance(found, click.Group)
-        found = found.get_command(click.Context(found), name)
-    assert found is not None
-    return found
-
-
-COMMANDS = list(leaves(main_module.cli))
+COMMANDS = dict(leaves(main_module.cli))
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
@@ -320,12 +314,12 @@ def test_an_unknown_option_is_one_json_object_with_a_fix(ask, path):
 
 TAKING_FILES = [
     path
-    for path in COMMANDS
+    for path, command in COMMANDS.items()
     # `runs verify` tells of every folder that it was given, in its result
     if path != ("runs", "verify")
     and any(
         isinstance(p, click.Argument) and any(w in (p.metavar or "") for w in ("RUN", "FILE"))
-        for p in command_of(path).params
+        for p in command.params
     )
 ]
 
@@ -333,11 +327,11 @@ TAKING_FILES = [
 @pytest.mark.parametrize("path", TAKING_FILES, ids=" ".join)
 def test_a_missing_file_is_one_json_object_with_a_fix(ask, path, tmp_path):
     needed = []
-    for param in command_of(path).params:
+    for param in COMMANDS[path].params:
         if isinstance(param, click.Option) and param.required:
             kinds = getattr(param.type, "choices", None)
             needed += [param.opts[0], kinds[0] if kinds else str(tmp_path / "out.csv")]
-    arguments = [p for p in command_of(path).params if isinstance(p, click.Argument)]
+    arguments = [p for p in COMMANDS[path].params if isinstance(p, click.Argument)]
     texts = ["text" for p in arguments if p.required and p.name == "text"]
     told = ask(*path, *needed, tmp_path / "missing", *texts)
     assert told.code in (2, 4)
@@ -347,7 +341,7 @@ def test_a_missing_file_is_one_json_object_with_a_fix(ask, path, tmp_path):
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
 def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_help(path):
-    command = command_of(path)
+    command = COMMANDS[path]
     assert command.help
     told = command.get_help(click.Context(command, info_name=" ".join(("hdbench", *path))))
     ends = re.split(r"\n\s*\n", told.rstrip())[-1].strip()
@@ -359,7 +353,7 @@ def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_h
 
 def test_every_declared_option_is_taken_by_a_command():
     table = declared("options")
-    taken = {" ".join(path): {p.name for p in command_of(path).params} for path in COMMANDS}
+    taken = {" ".join(path): {p.name for p in command.params} for path, command in COMMANDS.items()}
     assert set(table) <= {"shared", *taken}
     assert set(table["shared"]) <= set().union(*taken.values())
     for name, entries in table.items():
@@ -373,7 +367,7 @@ def test_every_command_has_a_function_that_takes_what_is_declared(path):
         f"hdbench_cli.commands.{declared('commands')[' '.join(path)]['module']}"
     )
     function = getattr(module, path[-1].replace("-", "_") + "_command")
-    given = {p.name: None for p in command_of(path).params if p.expose_value}
+    given = {p.name: None for p in COMMANDS[path].params if p.expose_value}
     inspect.signature(function).bind(Output(), **given)
 
 
