@@ -32,7 +32,6 @@ from hdbench.calibration.differences import (
     side_force,
 )
 from hdbench.calibration.gains import (
-    GainOutlier,
     by_position,
     consistency_interval,
     gain_outliers,
@@ -64,7 +63,6 @@ from hdbench.results.calibration import (
     LimitTest,
     LoadGroup,
     Loop,
-    Outlier,
     PairedDifference,
     StandardsRecord,
 )
@@ -236,7 +234,7 @@ def evaluate_calibration(
         consensus=consensus(gains, [x.gain_std_nm_per_v or 0.0 for x in lines]),
         hysteresis=loops,
         outliers=(
-            *(_outlier(found, lines) for found in gain_outliers(gains, places)),
+            *gain_outliers(lines),
             *(reading for group in grouped for reading in odd_readings(group)),
         ),
         torque=account.record(),
@@ -317,17 +315,6 @@ def _paired(
             shared, level = level, shared
         entries.append(((place, shared), level, line.gain_nm_per_v))
     return paired_difference(entries, first, second)
-
-
-def _outlier(found: GainOutlier, lines: tuple[ExperimentLine, ...]) -> Outlier:
-    own = [lines[place] for place in found.places]
-    return Outlier(
-        kind=found.kind,
-        experiment=", ".join(line.id for line in own),
-        position_rad=own[0].position_rad,
-        statistic=found.statistic,
-        limit=found.limit,
-    )
 
 
 def _declared(bench: ProfileData | None) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from hdbench.calibration.lines import position_number
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
-from hdbench.results.calibration import ExperimentLine, MixedModel, PositionVariance
+from hdbench.results.calibration import ExperimentLine, MixedModel, Outlier, PositionVariance
 
 # the ratio of variances is sought as share of the sum, up to this: beyond it the position is all
 _MAX_SHARE = 1.0 - 1e-9
@@ -472,22 +472,8 @@ def extreme_values(values: Sequence[float]) -> tuple[Extreme, ...]:
     return tuple(seen[:count])
 
 
-@dataclass(frozen=True, slots=True)
-class GainOutlier:
-    """Gains that stand off."""
-
-    # `gain`: one experiment among others at its position, or one of all where each position has
-    # one; `position`: all experiments of a position
-    kind: str
-    # places of the experiments
-    places: tuple[int, ...]
-    # distance over the standard deviation; what chance allows
-    statistic: float
-    limit: float
-
-
-def gain_outliers(gains: Sequence[float], positions: Sequence[int]) -> tuple[GainOutlier, ...]:
-    """Find gains that stand off the others.
+def gain_outliers(lines: tuple[ExperimentLine, ...]) -> tuple[Outlier, ...]:
+    """Find experiments whose gains stand off the others.
 
     Notes
     -----
@@ -495,23 +481,21 @@ def gain_outliers(gains: Sequence[float], positions: Sequence[int]) -> tuple[Gai
     of all gains. The position means are searched, and the gains of a position with three or more
     about their own mean.
     """
-    members: dict[int, list[int]] = {}
-    for place, position in enumerate(positions):
-        members.setdefault(position, []).append(place)
-    groups = list(members.values())
-    means = [float(np.mean([gains[k] for k in group])) for group in groups]
-    found = [
-        GainOutlier(
-            "gain" if len(groups[o.index]) == 1 else "position",
-            tuple(groups[o.index]),
-            o.statistic,
-            o.limit,
-        )
-        for o in extreme_values(means)
-    ]
+    groups = by_position(lines)
+    means = [float(np.mean([x.gain_nm_per_v for x in group])) for group in groups]
+    found = [_outlier(groups[o.index], o) for o in extreme_values(means)]
     for group in groups:
-        found += [
-            GainOutlier("gain", (group[o.index],), o.statistic, o.limit)
-            for o in extreme_values([gains[k] for k in group])
-        ]
+        own = extreme_values([x.gain_nm_per_v for x in group])
+        found += [_outlier([group[o.index]], o) for o in own]
     return tuple(found)
+
+
+def _outlier(own: list[ExperimentLine], found: Extreme) -> Outlier:
+    """Return one experiment, or all of a position, that stand off."""
+    return Outlier(
+        kind="gain" if len(own) == 1 else "position",
+        experiment=", ".join(line.id for line in own),
+        position_rad=own[0].position_rad,
+        statistic=found.statistic,
+        limit=found.limit,
+    )

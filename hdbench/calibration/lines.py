@@ -175,8 +175,9 @@ def _step(group: list[LoadReading], gain: float, intercept: float) -> Experiment
     )
 
 
-# torques below this share of an experiment's largest are its zero, as for the steps
-_ZERO_SHARE = 0.005
+# torques below this share of the largest of an experiment, or of a group of them, are its zero: a
+# hand-read reference shows as much
+ZERO_SHARE = 0.005
 
 
 def loading_loops(
@@ -198,7 +199,7 @@ def loading_loops(
         top = max(abs(t.reading.torque_nm) for t in own[line.id])
         # anticlockwise torques are counted as positive too: so is then the gain
         sign = 1.0 if line.direction == "cw" else -1.0
-        loop = loading_loop(branches[0], branches[1], sign * line.gain_nm_per_v, _ZERO_SHARE * top)
+        loop = loading_loop(branches[0], branches[1], sign * line.gain_nm_per_v, ZERO_SHARE * top)
         if loop is not None:
             found[line.id] = loop
     return found

@@ -21,6 +21,7 @@ from hdbench.calibration.gains import (
     mixed_fit,
     one_way,
 )
+from hdbench.results.calibration import ExperimentLine
 
 # eight gains with mean 6.60 and consistency 2.0 %, four positions, clockwise and anticlockwise
 EIGHT = [[6.43, 6.46], [6.50, 6.56], [6.63, 6.69], [6.75, 6.78]]
@@ -158,19 +159,25 @@ def test_two_outliers_that_hide_each_other_are_both_found():
     assert sorted(o.index for o in extreme_values(values)) == [9, 10]
 
 
+def outliers(gains: list[float], positions: list[int]) -> list[tuple[str, str]]:
+    told = {"direction": "cw", "range": "full", "intercept_nm": 0.0, "residual_rms_nm": 0.0, "n": 9}
+    lines = (
+        ExperimentLine(id=str(k), position_rad=float(place), gain_nm_per_v=gain, **told)
+        for k, (gain, place) in enumerate(zip(gains, positions, strict=True))
+    )
+    return [(o.kind, o.experiment) for o in gain_outliers(tuple(lines))]
+
+
 def test_gains_are_searched_among_those_of_their_own_position():
-    numbers = [0, 0, 1, 1, 2, 2]
     # two gains of one position far from the others: no single one of them is an outlier
-    assert gain_outliers([6.53, 6.53, 6.51, 6.50, 6.72, 6.72], numbers) == ()
+    assert outliers([6.53, 6.53, 6.51, 6.50, 6.72, 6.72], [0, 0, 1, 1, 2, 2]) == []
     rng = np.random.default_rng(5)
     many = [6.5 + 0.01 * rng.normal() for _ in range(9)]
-    found = gain_outliers([*many, 7.5], list(range(10)))
-    assert [(o.kind, o.places) for o in found] == [("gain", (9,))]
+    assert outliers([*many, 7.5], list(range(10))) == [("gain", "9")]
     pairs = [g + d for g in [*many, 7.5] for d in (-0.001, 0.001)]
-    found = gain_outliers(pairs, [k // 2 for k in range(20)])
-    assert [(o.kind, o.places) for o in found] == [("position", (18, 19))]
-    inside = gain_outliers([6.50, 6.51, 6.505, 6.507, 6.9, 6.60, 6.61], [0, 0, 0, 0, 0, 1, 1])
-    assert [(o.kind, o.places) for o in inside] == [("gain", (4,))]
+    assert outliers(pairs, [k // 2 for k in range(20)]) == [("position", "18, 19")]
+    inside = outliers([6.50, 6.51, 6.505, 6.507, 6.9, 6.60, 6.61], [0, 0, 0, 0, 0, 1, 1])
+    assert inside == [("gain", "4")]
 
 
 def entries(levers: list[float], side: float, true: float, noise: float = 0.0, seed: int = 0):

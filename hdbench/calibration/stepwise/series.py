@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.calibration.lines import position_number
+from hdbench.calibration.lines import ZERO_SHARE, position_number
 from hdbench.calibration.readings import TakenReading
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import Outlier
 
-# torques below this share of a group's largest are its zero: a hand-read reference shows as much
-_ZERO_SHARE = 0.005
 # share of the smallest distance between two loads within which torques are one step: a reference
 # sensor that is read at each load differs from series to series, but not by a third of a step
 _SAME_STEP = 0.3
@@ -100,7 +98,7 @@ def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
     experiments: dict[str, list[TakenReading]] = {}
     for taken in members:
         experiments.setdefault(taken.reading.experiment, []).append(taken)
-    grid = _load_grid(experiments.values(), _ZERO_SHARE * largest)
+    grid = _load_grid(experiments.values(), ZERO_SHARE * largest)
     places: list[float] = []
     counts: dict[tuple[int, int | None], int] = {}
     series = []
@@ -112,7 +110,7 @@ def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
         told = own[0].detail.repeat
         repeat = counted if told is None else told
         place = (position, mounting, repeat)
-        series.append(_series(name, own, place, grid, _ZERO_SHARE * largest))
+        series.append(_series(name, own, place, grid, ZERO_SHARE * largest))
     return StepGroup(*key, np.array(grid), tuple(series))
 
 
