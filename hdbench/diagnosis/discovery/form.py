@@ -165,6 +165,15 @@ def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
 
     What has a plain form is a cause of its own, and no error of another one's form.
     """
+    basis = record.remembered("plain laws", lambda: _plain_laws(record))
+    held = np.where(record.motion.valid[:, None], directions, 0.0)
+    left = held - basis @ (basis.T @ held)
+    own = np.sum(left**2, axis=0) > _OWN_SHARE * np.sum(held**2, axis=0)
+    return np.where(own, left, 0.0)
+
+
+def _plain_laws(record: Record) -> FloatArray:
+    """Return an orthonormal basis of the plain laws of motion, time and place."""
     motion, valid = record.motion, record.motion.valid
     speed = np.where(valid, motion.velocity_rad_s, 0.0)
     largest = max(float(np.abs(speed).max()), 1e-12)
@@ -181,11 +190,7 @@ def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
     value, vector = np.linalg.eigh(columns.T @ columns / len(record))
     # a speed that hardly changes has ripple and noise only
     kept = value > _TURN**2
-    basis = columns @ (vector[:, kept] / np.sqrt(value[kept] * len(record)))
-    held = np.where(valid[:, None], directions, 0.0)
-    left = held - basis @ (basis.T @ held)
-    own = np.sum(left**2, axis=0) > _OWN_SHARE * np.sum(held**2, axis=0)
-    return np.where(own, left, 0.0)
+    return np.asarray(columns @ (vector[:, kept] / np.sqrt(value[kept] * len(record))))
 
 
 def _delayed(record: Record, torque: FloatArray) -> list[FloatArray]:
@@ -294,16 +299,19 @@ def _fast_angle(record: Record) -> FloatArray:
     return np.where(np.abs(fast) < 5.0 * spread, fast, 0.0)
 
 
-def attach_forms(fit: Fit) -> None:
+def attach_forms(fit: Fit, *, idle: bool = False) -> None:
     """Give every strong part that has none its directions of form error, at its usual scale.
 
-    Strong is what a part has of its own: one that others can take the place of has no form.
+    Strong is what a part has of its own: one that others can take the place of has no form. Those
+    of scale zero, that of a line as a rule, only where `idle` ones are asked for.
     """
     held = any(part.name == FIXED for part in fit.parts)
     if not held and fit.record.motion.inertia_nm_s2 > 0.0 and _accelerates(fit.record):
         fit.parts.append(Part(FIXED, None, np.zeros(0)))
-    covariance = inverse(fit.information)
+    covariance, before = inverse(fit.information), len(fit.rows)
     for index, part in enumerate(fit.parts):
+        if not (idle or part.form_scale or usual_scale(part)):
+            continue
         # a table may have any form already
         table = part.term is not None and is_table(part.term.cause)
         if table or bool(np.any((fit.owner == index) & fit.form)):
@@ -317,27 +325,8 @@ def attach_forms(fit: Fit) -> None:
         if len(rows):
             fit.add_form(index, rows)
             part.form_scale = part.form_scale or usual_scale(part)
-    fit.settle(1)
-
-
-def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
-    """Return a copy of a fit with further terms and their form errors.
-
-    It is settled from the present noise and from one that does not rise: a large effect whose
-    details are not exact looks small in a noise that has taken those details in.
-    """
-    new = fit.copy()
-    for term in terms:
-        new.add_term(term)
-    flat = new.flat_view()
-    new.settle(2)
-    if flat is not None:
-        flat.settle(2)
-        new = max(new, flat, key=lambda x: x.likelihood)
-    attach_forms(new)
-    new.rescale_forms()
-    new.settle(3)
-    return new
+    if len(fit.rows) > before:
+        fit.settle(1)
 
 
 def _accelerates(record: Record) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from hdbench.diagnosis.discovery.dictionary import Look
 from hdbench.diagnosis.discovery.fit import Beside, Fit
 from hdbench.diagnosis.discovery.form import STRONG
+from hdbench.diagnosis.discovery.joint import all_possible, best_joined, on_simulated, value_of
 from hdbench.diagnosis.discovery.lines import scan_looks
 from hdbench.diagnosis.discovery.loudness import loudness_of
 from hdbench.diagnosis.discovery.refine import (
@@ -18,9 +19,9 @@ from hdbench.diagnosis.discovery.refine import (
     refined,
     weighed,
 )
-from hdbench.diagnosis.discovery.search import Search, all_possible, on_simulated, settled, value_of
+from hdbench.diagnosis.discovery.search import Search, settled
 from hdbench.diagnosis.discovery.tables import is_table
-from hdbench.diagnosis.discovery.term import Term, is_line, is_whole_share, same_torque
+from hdbench.diagnosis.discovery.term import is_line, is_whole_share, same_torque
 from hdbench.diagnosis.evidence import RIVAL_NATS, SAME_SPACE
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
@@ -132,7 +133,7 @@ def _table(search: Search, part: int) -> list[Candidate]:
         if _share_of(beside, own, shaped) > _SAME_EFFECT:
             table.append(weighed(beside, record, shaped, fit.shapes, base))
     strong = own.gain_nats * own.loud > 0.5 * STRONG
-    return _alike(_with_forms(search, view, beside, table) if strong else table)
+    return _alike(_with_forms(view, beside, table) if strong else table)
 
 
 def _alike(table: list[Candidate]) -> list[Candidate]:
@@ -144,15 +145,13 @@ def _alike(table: list[Candidate]) -> list[Candidate]:
     ]
 
 
-def _with_forms(
-    search: Search, view: Fit, beside: Beside, table: list[Candidate]
-) -> list[Candidate]:
+def _with_forms(view: Fit, beside: Beside, table: list[Candidate]) -> list[Candidate]:
     """Return a table with the evidence that the likeliest names have with their form errors."""
     base = value_of(view)
     ranked = sorted(table[1:], key=lambda c: -c.evidence_nats)
     out = []
     for found in (table[0], *ranked[:_FITTED]):
-        new, (term,) = search.best_joined(view, (found.term,))
+        new, (term,) = best_joined(view, (found.term,))
         if found is not table[0] and not all_possible(new, 1):
             continue
         gain = value_of(new) - base
@@ -199,7 +198,7 @@ def _named(beside: Beside, table: list[Candidate]) -> Named:
         if one.name != own.name and (held is None or one.evidence_nats > held.evidence_nats):
             best[one.name] = one
     others = [c for c in best.values() if np.isfinite(c.evidence_nats)]
-    group = tuple(c for c in others if _is_limit(c, own.term) or _same_space(beside, own, c))
+    group = tuple(c for c in others if _is_plain(c, own) or _same_space(beside, own, c))
     names = {c.name for c in group}
     rivals = tuple(
         c
@@ -212,10 +211,15 @@ def _named(beside: Beside, table: list[Candidate]) -> Named:
     return Named(own, group, rivals, float(mine / weights.sum()))
 
 
-def _is_limit(other: Candidate, term: Term) -> bool:
-    """Return whether a term is at the end of its domain, where it is the common form."""
-    at_end = any(term.shape[p.name] == p.lower for p in term.cause.shape)
-    return at_end and other.term.cause.common and other.name == term.cause.form_of
+def _is_plain(other: Candidate, own: Candidate) -> bool:
+    """Return whether a candidate is the common form of a cause and says all but a hundredth of it.
+
+    Or the cause is at the end of its domain, where it is the common form.
+    """
+    cause = own.term.cause
+    at_end = any(own.term.shape[p.name] == p.lower for p in cause.shape)
+    as_much = other.evidence_nats > (1.0 - SAME_SPACE) * own.evidence_nats
+    return (at_end or as_much) and other.term.cause.common and other.name == cause.form_of
 
 
 def _same_space(beside: Beside, one: Candidate, other: Candidate) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,6 +32,8 @@ _PLAIN_BELOW, _FEW = (0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.35), 0.01
 _MISALIGNED = 3.0
 # the inertia of a profile is off by 30 % as a rule: half of the expected power is then there
 _LEAST_POWER = 0.5
+# memory of what is kept of a record, bytes: a search asks for most of it again
+_KEPT = 1e8
 # share of the power of the angle that is the motion itself
 _MOST_OF_ANGLE = 0.99
 
@@ -78,7 +81,7 @@ class Record:
     logged_nm : ndarray or None
         Measured load times `load`, N m, where it was logged behind the low-pass of the torque.
     made : dict
-        Columns of causes that were formed last.
+        What was formed last of its motion.
     """
 
     motion: Motion
@@ -103,6 +106,17 @@ class Record:
 
     def __len__(self) -> int:
         return len(self.valid)
+
+    def remembered(self, key: object, make: Callable[[], FloatArray]) -> FloatArray:
+        """Return what was made of the motion under this key, formed where it is not held."""
+        values = self.made.pop(key, None)
+        if values is None:
+            values = make()
+            values.setflags(write=False)
+        self.made[key] = values
+        while sum(one.nbytes for one in self.made.values()) > _KEPT:
+            del self.made[next(iter(self.made))]
+        return values
 
     @property
     def response_nm(self) -> FloatArray:

@@ -16,8 +16,18 @@ from hdbench.diagnosis.discovery.form import (
     attach_forms,
     best_form_move,
     form_cost,
+)
+from hdbench.diagnosis.discovery.joint import (
+    all_possible,
+    best_formed,
+    best_joined,
+    impossible_parts,
     joined,
-    usual_scale,
+    on_simulated,
+    renew,
+    reshaped,
+    stepped,
+    value_of,
 )
 from hdbench.diagnosis.discovery.lines import (
     Scan,
@@ -28,8 +38,8 @@ from hdbench.diagnosis.discovery.lines import (
     step_look,
 )
 from hdbench.diagnosis.discovery.loudness import loudness_beside, loudness_of
-from hdbench.diagnosis.discovery.moments import Moments, inverse, solve, solve_best
-from hdbench.diagnosis.discovery.record import SAMPLED, Record, with_simulated
+from hdbench.diagnosis.discovery.moments import Moments, solve, solve_best
+from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.refine import (
     Candidate,
     candidate_of,
@@ -45,12 +55,9 @@ from hdbench.diagnosis.discovery.term import (
     follows_motion,
     is_line,
     same_torque,
-    smooth_shapes,
-    term_columns,
 )
 from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS, chi2_tail
 from hdbench.model import Cause
-from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
 from hdbench.records.trace import FloatArray
 
 # share of the false-alarm rate of each kind of look
@@ -84,16 +91,8 @@ SECOND_PRICE = 4.0
 _FORM_MOVES = 12
 # entries of a round that are fitted with their form errors
 _JOINED = 3
-# rounds, at most, in which what acts on the whole signal follows it
-_RENEWED = 12
-# way of the motor over which a slope is formed where the angle has no error
-_LEAST_WAY_RAD = 1e-5
 # a cause that has less evidence than this beside the others is dropped
 _LEAST_NATS = 1.0
-# a size that is so many standard deviations outside its limits is none that a cause can have: 95 %
-_POSSIBLE_STDS = 2.0
-# nor one of so many times the torque
-_LARGEST = 2.0
 
 
 @dataclass(slots=True)
@@ -303,7 +302,7 @@ class Search:
             value_of(joined(self.fit, ())),
         )
         for entry in chosen.values():
-            new, terms = self.best_joined(self.fit, tuple(c.term for c in entry))
+            new, terms = best_joined(self.fit, tuple(c.term for c in entry))
             if not all_possible(new, len(terms)):
                 continue
             saved = self._relieved(new, len(terms))
@@ -335,31 +334,6 @@ class Search:
             saved += new.parts[part].cost_nats
             new.remove(part)
             new.settle(2)
-
-    def best_joined(self, fit: Fit, terms: tuple[Term, ...]) -> tuple[Fit, tuple[Term, ...]]:
-        """Return a fit with further terms, their form errors and their shapes refined in it."""
-        new = _best_formed(joined(fit, terms), len(terms))
-        again = self._reshaped(new, terms)
-        if again != terms:
-            other = _best_formed(joined(fit, again), len(terms))
-            if value_of(other) > value_of(new):
-                return other, again
-        return new, terms
-
-    def _reshaped(self, new: Fit, terms: tuple[Term, ...]) -> tuple[Term, ...]:
-        """Return the last terms of a fit at the shapes that are best in its noise."""
-        out = []
-        for place, term in enumerate(terms):
-            if not smooth_shapes(term) or is_line(term.cause):
-                out.append(term)
-                continue
-            beside = new.beside(len(new.parts) - len(terms) + place)
-            starts = [x.term for x in self.names.looks(beside) if x.term.name == term.name][:1]
-            at = [candidate_of(beside, new.record, t, 1.0, 1.0) for t in (term, *starts)]
-            best = max((refined(beside, new.record, c) for c in at), key=lambda c: c.statistic)
-            here = at[0]
-            out.append(best.term if best.statistic > here.statistic + 2.0 * _LEAST_NATS else term)
-        return tuple(out)
 
     def _judged(self, entry: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
         """Return an entry with the chance of its gain in likelihood where that is smaller."""
@@ -495,22 +469,16 @@ class Search:
 
     def reshape_all(self) -> None:
         """Refine the shapes of all accepted causes where that makes the fit likelier."""
-        kept, fit = self.fit, self.fit.copy()
-        for part in fit.causes():
-            term = fit.parts[part].term
-            if term is None or not term.shape:
-                continue
-            beside = fit.beside(part)
-            start = candidate_of(beside, fit.record, term, 1.0, 0.0)
-            moved = refined(beside, fit.record, start, 3)
-            if moved.term.shape != term.shape and moved.statistic > start.statistic:
-                fit.reshape(part, moved.term)
-                # the directions of its form error are those about the shape
-                fit.keep(~(fit.form & (fit.owner == part)))
-                fit.settle(1)
-        attach_forms(fit)
-        if value_of(fit) > value_of(kept):
-            self.fit = fit
+        self.fit = stepped(self.fit, self.fit.causes())
+
+    def reform_all(self) -> bool:
+        """Let all laws have the shapes about which form errors are likeliest; return if any moved.
+
+        This takes too long for every round.
+        """
+        before = value_of(self.fit)
+        self.fit = reshaped(self.fit, self.fit.causes())
+        return value_of(self.fit) > before + _LEAST_NATS
 
     def prune(self, needed: float = _LEAST_NATS, most: int = 1) -> None:
         """Drop causes that the others, or another noise, made needless."""
@@ -539,7 +507,7 @@ class Search:
         """Return what a fit loses without a cause, beyond what the cause costs, nats."""
         fit = self.fit
         without = fit.without(part)
-        lesser = value_of(_best_formed(without, len(without.parts)))
+        lesser = value_of(best_formed(without, len(without.parts)))
         return value_of(fit) - lesser - fit.parts[part].cost_nats
 
     def _merged(self, part: int) -> bool:
@@ -566,7 +534,7 @@ class Search:
             self.fit = fit.without(part)
             self.reshape_all()
             attach_forms(self.fit)
-            lost = value_of(fit) - value_of(_best_formed(self.fit, len(self.fit.parts)))
+            lost = value_of(fit) - value_of(best_formed(self.fit, len(self.fit.parts)))
             if lost > held.cost_nats:
                 self.fit = fit
             else:
@@ -648,14 +616,15 @@ class Search:
                 self.accept(found)
                 small = small + 1 if self.explained(before) < self.least_share else 0
                 if small > _SMALL:
+                    self.reform_all()
                     self.drop_needless()
                     break
-            elif not self.drop_needless() and not self.exchange_for_table():
+            elif not (self.reform_all() or self.drop_needless() or self.exchange_for_table()):
                 break
             self.reshape_all()
             renew(self.fit)
             self.retime()
-            attach_forms(self.fit)
+            attach_forms(self.fit, idle=True)
             self.prune()
             for one in plain:
                 if _as_good(one, self.fit):
@@ -693,51 +662,6 @@ class Search:
         return max(found)
 
 
-def _best_formed(fit: Fit, last: int) -> Fit:
-    """Return a fit whose last causes, laws among them, have the likeliest form errors."""
-    places = range(len(fit.parts) - last, len(fit.parts))
-    laws = [part for part in places if usual_scale(fit.parts[part]) > 0.0]
-    for _ in laws:
-        move = best_form_move(fit, laws)
-        if move is None or move.gain_nats < _LEAST_NATS:
-            break
-        for part, scale in move.scales.items():
-            fit.parts[part].form_scale = scale
-        fit.settle(2)
-    return fit
-
-
-def all_possible(fit: Fit, last: int) -> bool:
-    """Return whether the last causes of a fit have sizes and parameters that can be."""
-    places = range(len(fit.parts) - last, len(fit.parts))
-    return all(
-        is_within(fit, part)
-        and candidate_of(fit.beside(part), fit.record, fit.term(part), 1.0, 1.0).statistic > 0.0
-        for part in places
-    )
-
-
-def is_within(fit: Fit, part: int) -> bool:
-    """Return whether a part is no larger than parts of a torque are.
-
-    Two that nearly cancel each other, as a law of speed and a zero do, explain nothing.
-    """
-    return fit.size_nm(part) <= _LARGEST * float(np.sqrt(np.mean(fit.measured**2)))
-
-
-def impossible_parts(fit: Fit) -> set[int]:
-    """Return the causes whose size beside all others is none that they can have."""
-    std = np.sqrt(np.diag(inverse(fit.information)))
-    found = set()
-    for part in fit.causes():
-        slack = _POSSIBLE_STDS * std[fit.flat(part)] / fit.parts[part].scale
-        limits = zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
-        inside = all(p.lower - s <= value <= p.upper + s for p, value, s in limits)
-        if not inside or not is_within(fit, part):
-            found.add(part)
-    return found
-
-
 def _light(found: Candidate) -> Candidate:
     """Return a candidate without its rows, which are made anew where it is accepted."""
     return replace(found, rows=found.rows[:0].copy())
@@ -773,11 +697,6 @@ def _turn(entry: tuple[Candidate, ...]) -> float:
     """
     law = all(follows_motion(c.term.cause) for c in entry)
     return round(_plain(entry) * (_LAWS_FIRST if law else 1.0), 1)
-
-
-def value_of(fit: Fit) -> float:
-    """Return the log likelihood of a fit less what the scales of its form errors cost."""
-    return fit.likelihood - form_cost(fit)
 
 
 def _worth(fit: Fit) -> float:
@@ -859,60 +778,6 @@ def _short(term: Term) -> str:
     return ",".join(f"{v:.4g}" for v in term.shape.values())
 
 
-def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
-    """Return the fitted torque, N m; without what acts on the whole signal where asked."""
-    record = fit.record
-    torque = np.zeros(len(record))
-    for index, part in enumerate(fit.parts):
-        if part.term is not None:
-            if whole or not part.term.cause.whole_signal:
-                torque += term_columns(part.term, record) @ fit.linear(index)
-        elif len(part.scale):
-            places = [
-                i for i, n in enumerate(record.names) if (n.rpartition(":")[0] or n) == part.name
-            ]
-            torque += record.columns[:, places] @ fit.linear(index)
-    return torque
-
-
-def _turns_with_motor(cause: Cause) -> bool:
-    """Return whether a cause is a part of the signal that follows the motor angle."""
-    return cause.locked_to == "motor" and not cause.whole_signal
-
-
-def slope_and_error(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Return the slope of the fitted torque over the motor angle, N m/rad, and its error, rad.
-
-    Where the recorded angle has an error the slope is over the whole of it: the error times the
-    slope is then the torque of any error, large or small.
-    """
-    record = fit.record
-    error, slope = np.zeros(len(record)), np.zeros(len(record))
-    # its columns are the error where the torque falls by 1 N m/rad
-    falling = replace(record.motion, ripple_slope_nm_per_rad=-np.ones(len(record)))
-    for index, part in enumerate(fit.parts):
-        if part.term is not None and part.name == TRANSMISSION_ERROR:
-            errors = term_columns(part.term, replace(record, motion=falling))
-            error += errors @ fit.linear(index)
-    for index, part in enumerate(fit.parts):
-        kind, _, order = part.name.partition(":")
-        if part.term is None and kind in ("ripple", SAMPLED):
-            k, linear = float(order), fit.linear(index)
-            places = [i for i, n in enumerate(record.names) if n.startswith(f"{part.name}:")]
-            wave, half = record.columns[:, places], 0.5 * k * error
-            torque = wave @ linear
-            turned = wave[:, ::2] @ linear[1::2] - wave[:, 1::2] @ linear[::2]
-            slope += k * torque * np.sin(half) * np.sinc(half / np.pi)
-            slope += k * turned * np.sinc(2.0 * half / np.pi)
-        elif part.term is not None and _turns_with_motor(part.term.cause):
-            way = np.where(np.abs(error) > _LEAST_WAY_RAD, error, _LEAST_WAY_RAD)
-            motion = replace(record.motion, angle_rad=record.motion.angle_rad - way)
-            moved = term_columns(part.term, replace(record, motion=motion))
-            here = term_columns(part.term, record)
-            slope += (here - moved) @ fit.linear(index) / way
-    return slope, error
-
-
 def search(
     record: Record,
     causes: Mapping[str, Cause],
@@ -954,25 +819,6 @@ def _as_good(fit: Fit, other: Fit) -> bool:
     return value_of(fit) > value_of(other) - LOW_PASS_PRICE
 
 
-def on_simulated(fit: Fit) -> Fit:
-    """Return a fit whose record holds the torque that the fit simulates."""
-    fit.record = with_simulated(fit.record, fitted_nm(fit, whole=False), *slope_and_error(fit))
-    return fit
-
-
-def renew(fit: Fit) -> None:
-    """Let what acts on the whole signal act on the signal as it is fitted now."""
-    for _ in range(_RENEWED):
-        on_simulated(fit)
-        before = fit.likelihood
-        for part in fit.causes():
-            if fit.term(part).cause.whole_signal:
-                fit.reshape(part, fit.term(part))
-                fit.settle(1)
-        if fit.likelihood < before + _LEAST_NATS:
-            return
-
-
 def search_from(
     fit: Fit,
     plain: Sequence[Fit],
@@ -999,7 +845,7 @@ def search_from(
         and cause.applicable(record.motion) is None
         and (name not in held or is_line(cause) or name == "zero-step")
     }
-    attach_forms(fit)
+    attach_forms(fit, idle=True)
     report("forming the dictionary", 0.1)
     names = make_dictionary(record, usable.values(), fit)
     tables = make_dictionary(record, table_causes(record), fit)

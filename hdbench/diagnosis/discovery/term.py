@@ -18,8 +18,6 @@ _SLOPE = 1e-4
 ABOVE_NOISE = 10.0
 # a domain wider than this ratio is even in its logarithm
 WIDE = 10.0
-# memory of the columns that are kept of a record, bytes: a search asks for most of them again
-_KEPT = 1e8
 # a shape parameter may move by this share of its value in one step
 _STRIDE = 0.3
 
@@ -52,14 +50,7 @@ def term_columns(term: Term, record: Record) -> FloatArray:
     """Return the columns of a term, N m per unit of each linear parameter; 0 where not known."""
     # a table is made for one record: its name does not say all
     key = (term.name, term.cause.columns, *term.shape.items())
-    columns = record.made.pop(key, None)
-    if columns is None:
-        columns = _columns(term, record)
-        columns.setflags(write=False)
-    record.made[key] = columns
-    while sum(one.nbytes for one in record.made.values()) > _KEPT:
-        del record.made[next(iter(record.made))]
-    return columns
+    return record.remembered(key, lambda: _columns(term, record))
 
 
 def _columns(term: Term, record: Record) -> FloatArray:

@@ -356,7 +356,7 @@ def tell_together(
     before, after = held.predict(base), held.predict(everything)
     each_before, each_after = held.predict_each(base), held.predict_each(everything)
     variance = mean_square(fit, base)
-    shares, matrices = shares_of(fit, base, variance), covariances(fit)
+    shares, matrices = shares_of(fit, variance), covariances(fit)
     alpha = search.alpha / max(1, len(named))
     causes: list[NamedCause] = []
     places: list[Unexplained] = []

@@ -12,6 +12,7 @@ from hdbench.diagnosis.discovery.channel import DELAY, best_delay
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.form import USUAL, formed_share, usual_scale
 from hdbench.diagnosis.discovery.heldout import HeldOut, Prediction, gain_between, hold_out
+from hdbench.diagnosis.discovery.joint import is_within
 from hdbench.diagnosis.discovery.lines import scan_power
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.naming import Named, name_causes
@@ -21,7 +22,6 @@ from hdbench.diagnosis.discovery.search import (
     SHARES,
     SLOW_PRICE,
     Search,
-    is_within,
     settled,
 )
 from hdbench.diagnosis.discovery.spectrum import Shapes
@@ -114,7 +114,7 @@ def tell(
     causes: list[NamedCause] = []
     places: list[Unexplained] = []
     terms: list[CauseTerm] = [late_term(fit)] if fit.record.late_known else []
-    shares = shares_of(fit, base, variance)
+    shares = shares_of(fit, variance)
     for index, part in enumerate(fit.parts):
         term = part.term
         if term is None:
@@ -208,7 +208,7 @@ def table_places(search: Search, variance: float) -> list[Unexplained]:
     if fit is search.fit:
         return []
     held = {search.fit.parts[part].name for part in search.fit.tables()}
-    shares = shares_of(fit, set(range(len(fit.parts))) - set(fit.causes()), variance)
+    shares = shares_of(fit, variance)
     new = [part for part in fit.tables() if fit.parts[part].name not in held]
     return [place_of(fit, part, shares[part], fit.parts[part].false_alarm) for part in new]
 
@@ -372,20 +372,24 @@ def mean_square(fit: Fit, parts: set[int]) -> float:
     return float(max(moments.left(step).sum(), 1e-300)) / len(fit.record)
 
 
-def shares_of(fit: Fit, base: set[int], variance: float) -> dict[int, float]:
+def shares_of(fit: Fit, variance: float) -> dict[int, float]:
     """Return the share of the baseline's residual variance that each cause explains.
 
-    The larger of what it adds to the causes accepted before it, and of what its loss would cost.
+    The larger of what it adds to the causes accepted before it, and of what its loss would cost,
+    but no more than its own torque has beyond the baseline.
     """
-    everything = set(range(len(fit.parts)))
-    whole = mean_square(fit, everything)
-    shares, so_far = {}, set(base)
-    last = mean_square(fit, so_far)
+    beside, everything = fit.beside(*fit.causes()), set(range(len(fit.parts)))
+    so_far = everything - set(fit.causes())
+    whole, last = mean_square(fit, everything), mean_square(fit, so_far)
+    shares = {}
     for part in fit.causes():
         so_far = so_far | {part}
         now = mean_square(fit, so_far)
         lost = mean_square(fit, everything - {part}) - whole
-        shares[part] = float(np.clip(max(last - now, lost) / variance, 0.0, 1.0))
+        flat = fit.flat(part)
+        torque = beside.unexplained(fit.coefficients[flat] @ fit.rows[flat])
+        own = float(torque @ torque) / len(fit.record)
+        shares[part] = float(np.clip(min(max(last - now, lost), own) / variance, 0.0, 1.0))
         last = now
     return shares
 

@@ -1,0 +1,287 @@
+"""A whole fit with further causes: form errors, shapes, sizes, and the torque that it simulates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
+from hdbench.diagnosis.discovery.form import attach_forms, best_form_move, form_cost, usual_scale
+from hdbench.diagnosis.discovery.moments import inverse
+from hdbench.diagnosis.discovery.record import SAMPLED, with_simulated
+from hdbench.diagnosis.discovery.refine import candidate_of
+from hdbench.diagnosis.discovery.tables import is_table
+from hdbench.diagnosis.discovery.term import (
+    Term,
+    is_line,
+    moved_term,
+    smooth_shapes,
+    tangent_columns,
+    term_columns,
+)
+from hdbench.model import Cause, shape_bounds
+from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
+from hdbench.records.trace import FloatArray
+
+# steps over all shapes, shorter ones where a whole one gains nothing, and the gain that ends them
+_STEPS, _LENGTHS, _STEP_NATS = 6, (1.0, 0.3), 0.1
+# ratios by which a shape is moved where its form errors are made anew
+_RATIOS = (2.5, 0.4, 1.25, 0.8)
+# rounds, at most, in which what acts on the whole signal follows it
+_RENEWED = 12
+# way of the motor over which a slope is formed where the angle has no error
+_LEAST_WAY_RAD = 1e-5
+# a size that is so many standard deviations outside its limits is none that a cause can have: 95 %
+_POSSIBLE_STDS = 2.0
+# nor one of so many times the torque
+_LARGEST = 2.0
+# a change of form errors that gains less is none, nats
+_LEAST_NATS = 1.0
+
+
+def value_of(fit: Fit) -> float:
+    """Return the log likelihood of a fit less what the scales of its form errors cost."""
+    return fit.likelihood - form_cost(fit)
+
+
+def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
+    """Return a copy of a fit with further terms and their form errors.
+
+    It is settled from the present noise and from one that does not rise: a large effect whose
+    details are not exact looks small in a noise that has taken those details in, and has no form
+    error there that could hold them.
+    """
+    new = fit.copy()
+    for term in terms:
+        new.add_term(term)
+    flat = new.flat_view()
+    new.settle(2)
+    if flat is not None:
+        if not any(is_table(term.cause) for term in terms):
+            attach_forms(flat)
+        flat.settle(2)
+        new = max(new, flat, key=value_of)
+    attach_forms(new)
+    new.rescale_forms()
+    new.settle(3)
+    return new
+
+
+def best_joined(fit: Fit, terms: tuple[Term, ...]) -> tuple[Fit, tuple[Term, ...]]:
+    """Return a fit with further terms, their form errors and their shapes refined in it."""
+    new = joined(fit, terms)
+    places = list(range(len(new.parts) - len(terms), len(new.parts)))
+    formed = best_formed(new, len(terms))
+    moved = reshaped(formed, places)
+    if moved is not formed:
+        moved = best_formed(moved, len(terms))
+    return moved, tuple(moved.term(place) for place in places)
+
+
+def reshaped(fit: Fit, parts: Sequence[int]) -> Fit:
+    """Return a fit with the shapes of some causes refined; the same where none gains."""
+    return _formed_shapes(stepped(fit, parts), parts)
+
+
+def stepped(fit: Fit, parts: Sequence[int]) -> Fit:
+    """Return a fit after steps of Gauss and Newton over the shapes of some causes at once."""
+    for _ in range(_STEPS):
+        ahead = _ahead(fit, parts)
+        if ahead is None:
+            break
+        done = value_of(ahead) - value_of(fit) < _STEP_NATS
+        fit = ahead
+        if done:
+            break
+    return fit
+
+
+def _ahead(fit: Fit, parts: Sequence[int]) -> Fit | None:
+    """Return the fit after one step of Gauss and Newton over shapes; None where none gains.
+
+    A slope is held against the form errors, which have a prior: without them a shape would follow
+    what is an error of the form.
+    """
+    rows: list[FloatArray] = []
+    slopes: list[tuple[int, str, float]] = []
+    for part in parts:
+        term = fit.term(part)
+        names = smooth_shapes(term)
+        # lobes, poles and teeth repeat a whole number of times in a turn
+        whole = term.shape.get("order", 0.5) % 1.0 == 0.0 and is_line(term.cause)
+        if names and not whole:
+            own, scale = scaled_rows(fit.bands, tangent_columns(term, fit.linear(part), fit.record))
+            rows.append(own)
+            slopes += [(part, name, size) for name, size in zip(names, scale.tolist(), strict=True)]
+    if not slopes:
+        return None
+    matrix, right = fit.beside().project(np.concatenate(rows))
+    solution = np.linalg.lstsq(matrix + 1e-9 * np.diag(np.diag(matrix)), right, rcond=1e-10)[0]
+    if 0.5 * float(solution @ right) < _STEP_NATS:
+        return None
+    for length in _LENGTHS:
+        moves: dict[int, dict[str, float]] = {}
+        for (part, name, size), step in zip(slopes, solution.tolist(), strict=True):
+            moves.setdefault(part, {})[name] = length * step / size
+        moved = {k: moved_term(fit.term(k), move, fit.record) for k, move in moves.items()}
+        moved = {k: term for k, term in moved.items() if term.shape != fit.term(k).shape}
+        new = _at_shapes(fit, moved) if moved else fit
+        if value_of(new) > value_of(fit):
+            return new
+    return None
+
+
+def _formed_shapes(fit: Fit, parts: Sequence[int]) -> Fit:
+    """Return a fit in which laws have the shapes about which form errors are likeliest.
+
+    A form error moves with the shape, which no slope shows.
+    """
+    for part in parts:
+        if not np.any(fit.form & (fit.owner == part)) or not usual_scale(fit.parts[part]):
+            continue
+        bounds = shape_bounds(fit.term(part).cause, fit.record.motion)
+        for name, ratio in product(smooth_shapes(fit.term(part)), _RATIOS):
+            while True:
+                term = fit.term(part)
+                target = term.shape[name] * ratio
+                if not any(low <= target <= high for low, high in bounds.get(name, ())):
+                    break
+                moved = replace(term, shape={**term.shape, name: target})
+                new = _at_shapes(fit, {part: moved})
+                if value_of(new) < value_of(fit) + _STEP_NATS:
+                    break
+                fit = new
+    return fit
+
+
+def _at_shapes(fit: Fit, terms: Mapping[int, Term]) -> Fit:
+    """Return a fit with causes at other shapes, their form errors made anew."""
+    new = fit.copy()
+    for part, term in terms.items():
+        new.reshape(part, term)
+        # the directions of its form error are those about the shape
+        new.keep(~(new.form & (new.owner == part)))
+    new.settle(1)
+    attach_forms(new)
+    return new
+
+
+def best_formed(fit: Fit, last: int) -> Fit:
+    """Return a fit whose last causes, laws among them, have the likeliest form errors."""
+    places = range(len(fit.parts) - last, len(fit.parts))
+    laws = [part for part in places if usual_scale(fit.parts[part]) > 0.0]
+    for _ in laws:
+        move = best_form_move(fit, laws)
+        if move is None or move.gain_nats < _LEAST_NATS:
+            break
+        for part, scale in move.scales.items():
+            fit.parts[part].form_scale = scale
+        fit.settle(2)
+    return fit
+
+
+def all_possible(fit: Fit, last: int) -> bool:
+    """Return whether the last causes of a fit have sizes and parameters that can be."""
+    places = range(len(fit.parts) - last, len(fit.parts))
+    return all(
+        is_within(fit, part)
+        and candidate_of(fit.beside(part), fit.record, fit.term(part), 1.0, 1.0).statistic > 0.0
+        for part in places
+    )
+
+
+def is_within(fit: Fit, part: int) -> bool:
+    """Return whether a part is no larger than parts of a torque are.
+
+    Two that nearly cancel each other, as a law of speed and a zero do, explain nothing.
+    """
+    return fit.size_nm(part) <= _LARGEST * float(np.sqrt(np.mean(fit.measured**2)))
+
+
+def impossible_parts(fit: Fit) -> set[int]:
+    """Return the causes whose size beside all others is none that they can have."""
+    std = np.sqrt(np.diag(inverse(fit.information)))
+    found = set()
+    for part in fit.causes():
+        slack = _POSSIBLE_STDS * std[fit.flat(part)] / fit.parts[part].scale
+        limits = zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
+        inside = all(p.lower - s <= value <= p.upper + s for p, value, s in limits)
+        if not inside or not is_within(fit, part):
+            found.add(part)
+    return found
+
+
+def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
+    """Return the fitted torque, N m; without what acts on the whole signal where asked."""
+    record = fit.record
+    torque = np.zeros(len(record))
+    for index, part in enumerate(fit.parts):
+        if part.term is not None:
+            if whole or not part.term.cause.whole_signal:
+                torque += term_columns(part.term, record) @ fit.linear(index)
+        elif len(part.scale):
+            places = [
+                i for i, n in enumerate(record.names) if (n.rpartition(":")[0] or n) == part.name
+            ]
+            torque += record.columns[:, places] @ fit.linear(index)
+    return torque
+
+
+def _turns_with_motor(cause: Cause) -> bool:
+    """Return whether a cause is a part of the signal that follows the motor angle."""
+    return cause.locked_to == "motor" and not cause.whole_signal
+
+
+def slope_and_error(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return the slope of the fitted torque over the motor angle, N m/rad, and its error, rad.
+
+    Where the recorded angle has an error the slope is over the whole of it: the error times the
+    slope is then the torque of any error, large or small.
+    """
+    record = fit.record
+    error, slope = np.zeros(len(record)), np.zeros(len(record))
+    # its columns are the error where the torque falls by 1 N m/rad
+    falling = replace(record.motion, ripple_slope_nm_per_rad=-np.ones(len(record)))
+    for index, part in enumerate(fit.parts):
+        if part.term is not None and part.name == TRANSMISSION_ERROR:
+            errors = term_columns(part.term, replace(record, motion=falling))
+            error += errors @ fit.linear(index)
+    for index, part in enumerate(fit.parts):
+        kind, _, order = part.name.partition(":")
+        if part.term is None and kind in ("ripple", SAMPLED):
+            k, linear = float(order), fit.linear(index)
+            places = [i for i, n in enumerate(record.names) if n.startswith(f"{part.name}:")]
+            wave, half = record.columns[:, places], 0.5 * k * error
+            torque = wave @ linear
+            turned = wave[:, ::2] @ linear[1::2] - wave[:, 1::2] @ linear[::2]
+            slope += k * torque * np.sin(half) * np.sinc(half / np.pi)
+            slope += k * turned * np.sinc(2.0 * half / np.pi)
+        elif part.term is not None and _turns_with_motor(part.term.cause):
+            way = np.where(np.abs(error) > _LEAST_WAY_RAD, error, _LEAST_WAY_RAD)
+            motion = replace(record.motion, angle_rad=record.motion.angle_rad - way)
+            moved = term_columns(part.term, replace(record, motion=motion))
+            here = term_columns(part.term, record)
+            slope += (here - moved) @ fit.linear(index) / way
+    return slope, error
+
+
+def on_simulated(fit: Fit) -> Fit:
+    """Return a fit whose record holds the torque that the fit simulates."""
+    fit.record = with_simulated(fit.record, fitted_nm(fit, whole=False), *slope_and_error(fit))
+    return fit
+
+
+def renew(fit: Fit) -> None:
+    """Let what acts on the whole signal act on the signal as it is fitted now."""
+    for _ in range(_RENEWED):
+        on_simulated(fit)
+        before = fit.likelihood
+        for part in fit.causes():
+            if fit.term(part).cause.whole_signal:
+                fit.reshape(part, fit.term(part))
+                fit.settle(1)
+        if fit.likelihood < before + _LEAST_NATS:
+            return
