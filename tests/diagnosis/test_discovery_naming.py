@@ -201,6 +201,19 @@ def test_a_law_has_the_shape_about_which_its_form_error_is_likeliest():
     assert 6.0 < best.term(part).shape["transition_rad_s"] < 10.0
 
 
+def test_a_law_that_slow_noise_hides_joins_with_its_form_error():
+    def friction(_time, _angle, speed):
+        return 20.0 * np.tanh(speed) * (1.0 - 0.3 * np.exp(-np.abs(speed) / 8.0))
+
+    fit = fitted(swinging(4000, friction, mean=36.0))
+    fit.shapes = fit.shapes.rising()
+    fit.settle(6, anew=True)
+    attach_forms(fit)
+    new = joined(fit, (Term(catalogue()["coulomb-friction"], {"transition_rad_s": 4.0}),))
+    # 228 where the form error came after the noise had taken a part of the friction in
+    assert value_of(new) > value_of(fit) + 300.0
+
+
 def test_a_cause_stays_where_the_fit_without_it_is_less_likely(monkeypatch):
     fit = fitted(swinging(8000, lambda t, a, w: 2e-3 * w, mean=0.0))
     causes = catalogue()

@@ -185,7 +185,7 @@ def _within(
     return best, most
 
 
-def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROUNDS) -> Candidate:
+def refined(beside: Beside, record: Record, start: Candidate) -> Candidate:
     """Return a candidate with its shape at the nearest maximum of the likelihood."""
     best = start
     names = smooth_shapes(best.term)
@@ -195,7 +195,7 @@ def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROU
         return best
     if is_whole_share(best.term.cause) and best.statistic <= 0.0:
         best = of_right_size(beside, record, best)
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         slopes = tangent_columns(best.term, best.linear, record)
         rows, scale = scaled_rows(beside.bands, slopes)
         free = not is_whole_share(best.term.cause)
