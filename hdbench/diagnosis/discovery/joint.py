@@ -47,12 +47,13 @@ def value_of(fit: Fit) -> float:
     return fit.likelihood - form_cost(fit)
 
 
-def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
+def joined(fit: Fit, terms: Sequence[Term], *, hidden: bool = False) -> Fit:
     """Return a copy of a fit with further terms and their form errors.
 
     It is settled from the present noise and from one that does not rise: a large effect whose
-    details are not exact looks small in a noise that has taken those details in, and has no form
-    error there that could hold them.
+    details are not exact looks small in a noise that has taken those details in. Slow noise, and
+    any noise that may still have a `hidden` effect in it, takes the form errors in as well: there
+    they come first.
     """
     new = fit.copy()
     for term in terms:
@@ -60,7 +61,8 @@ def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
     flat = new.flat_view()
     new.settle(2)
     if flat is not None:
-        if not any(is_table(term.cause) for term in terms):
+        table = any(is_table(term.cause) for term in terms)
+        if (hidden or fit.shapes.with_slow) and not table:
             attach_forms(flat)
         flat.settle(2)
         new = max(new, flat, key=value_of)
@@ -70,9 +72,11 @@ def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
     return new
 
 
-def best_joined(fit: Fit, terms: tuple[Term, ...]) -> tuple[Fit, tuple[Term, ...]]:
+def best_joined(
+    fit: Fit, terms: tuple[Term, ...], *, hidden: bool = False
+) -> tuple[Fit, tuple[Term, ...]]:
     """Return a fit with further terms, their form errors and their shapes refined in it."""
-    new = joined(fit, terms)
+    new = joined(fit, terms, hidden=hidden)
     places = list(range(len(new.parts) - len(terms), len(new.parts)))
     formed = best_formed(new, len(terms))
     moved = reshaped(formed, places)

@@ -302,7 +302,7 @@ class Search:
             value_of(joined(self.fit, ())),
         )
         for entry in chosen.values():
-            new, terms = best_joined(self.fit, tuple(c.term for c in entry))
+            new, terms = best_joined(self.fit, tuple(c.term for c in entry), hidden=True)
             if not all_possible(new, len(terms)):
                 continue
             saved = self._relieved(new, len(terms))
