@@ -72,11 +72,15 @@ def test_the_encoder_is_exact_over_32_bits_and_both_words_belong_together():
             device.call(lambda s=start: setattr(device.instrument, "_count_offset", s))
             # 1 s of this computer's time, so that the motion begins well before their end
             turning(daq, 4000, 4.0)
-            counts = values(read_all(daq))[:, 4]
+            blocks = read_all(daq)
+            counts = values(blocks)[:, 4]
             assert counts[0] == start
             steps = (np.diff(counts) + 2**31) % 2**32 - 2**31
+            # a busy machine may lose scans: each step is held against its own number of periods
+            firsts = [np.arange(len(block)) + block.first_index for block in blocks]
+            periods = np.diff(np.concatenate(firsts))
             # 8 V command at most 400 rad/s: 0.26 counts per ms and rad/s
-            assert np.all((steps >= -1) & (steps <= 300))
+            assert np.all((steps >= -1) & (steps <= 300 * periods))
             assert np.sum(steps) > 5_000
             assert daq.safe_state().confirmed
 
