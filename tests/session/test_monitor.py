@@ -112,7 +112,9 @@ def test_a_signal_ends_it_with_the_bench_safe() -> None:
 
 def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
     """One reply in ten is lost; the count comes from the driver, through block and frame."""
-    profile = PROFILE.data
+    # a busy machine must not be late twice in a row
+    daq = PROFILE.data.daq.model_copy(update={"deadline_s": 0.6, "watchdog_s": 2.0})
+    profile = PROFILE.data.model_copy(update={"daq": daq})
     spoiler = Mangler("drop", TcpFraming(), share=0.0, seed=1)
     with ExitStack() as stack:
         core = build_core(
@@ -127,7 +129,8 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
                 spoiler.share = 0.1
                 seen.frames.append(frame)
 
-        found = look(Spoiling(), 1.5, address=address, plant="")
+        slow = replace(PROFILE, data=profile)
+        found = look(Spoiling(), 1.5, address=address, plant="", profile=slow)
     assert found.samples == 1500
     retries = [frame.retries for frame in seen.frames]
     assert retries == sorted(retries)

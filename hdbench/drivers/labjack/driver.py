@@ -160,12 +160,15 @@ class LabJackDaq(DeviceBase[Acquisition]):
         block = acquisition.next_block(self.outputs)
         if acquisition.complete and not acquisition.stopped:
             self.stop()
+        # a running one may be late
         if block is None and acquisition.silent and not self.control.read(STREAM_ENABLE)[0]:
-            # a running one may be late
-            raise self.error(
-                f"the device no longer streams after {acquisition.delivered} scans",
-                "it was restarted, or another program stopped it: check both, then run again",
-            )
+            # what it sent before it stopped is here by now, and says why
+            block = acquisition.next_block(self.outputs)
+            if block is None:
+                raise self.error(
+                    f"the device no longer streams after {acquisition.delivered} scans",
+                    "it was restarted, or another program stopped it: check both, then run again",
+                )
         return block
 
     def stop(self) -> None:

@@ -6,7 +6,7 @@ import pytest
 from faults import polled
 
 # deadlines that other work on this machine does not pass for a fault
-DEADLINES_S = {"tcp": 0.1, "rtu": 0.4, "rtu+tcp": 0.4}
+DEADLINES_S = {"tcp": 0.25, "rtu": 0.4, "rtu+tcp": 0.4}
 FAULTS = {"tcp": 12, "rtu": 3, "rtu+tcp": 3}
 TOLD = [
     (wire, kind)

@@ -19,6 +19,7 @@ from labjackkit import (
     table_for,
     values,
 )
+from nodekit import until
 from served import disturb, read_all
 
 from hdbench.devices.wire.address import parse_address
@@ -173,6 +174,23 @@ def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
             _read_into(blocks, daq)
         # everything that was sampled until then was delivered: the whole buffer, of whole packets
         assert sum(len(block) for block in blocks) >= 1800
+
+
+def test_what_a_stopped_stream_has_sent_is_read_before_the_run_is_given_up():
+    with streaming(6000, speed=10.0, auto_recover=False) as (device, daq):
+        stream, read, ended = device.device.stream, daq.control.read, []
+        # the network is away until the driver asks whether the device streams
+        _be_away(device, lambda stream: ended)
+
+        def answered_late(*registers):
+            until(lambda: stream._status, 5.0)
+            ended.append(True)
+            until(lambda: not stream.running, 5.0)
+            return read(*registers)
+
+        daq.control.read = answered_late
+        with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
+            _read_into([], daq)
 
 
 @pytest.mark.parametrize(
