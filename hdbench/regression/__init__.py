@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from hdbench.regression.changes import Change, compare_results
-from hdbench.regression.junit import write_junit
-from hdbench.regression.report import CaseReport, RegressionReport, compare_folder
-from hdbench.regression.tolerance import Tolerance
+from hdbench.regression.changes import Change, Tolerance, compare_results
+from hdbench.regression.report import CaseReport, RegressionReport, compare_folder, write_junit
 
 __all__ = [
     "CaseReport",
