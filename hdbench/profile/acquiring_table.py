@@ -25,10 +25,10 @@ _OWN = {
         "hdbench.profile.acquiring_modbus:ModbusAcquisition",
     ),
     "labjack-t": (
-        "hdbench.drivers.labjack.record",
+        "hdbench.drivers.labjack.driver",
         "hdbench.drivers.labjack.table:LabJackAcquisition",
     ),
-    "dataq": ("hdbench.drivers.dataq.record", "hdbench.drivers.dataq.table:DataqAcquisition"),
+    "dataq": ("hdbench.drivers.dataq.driver", "hdbench.drivers.dataq.table:DataqAcquisition"),
     "composite": (
         "hdbench.devices.composite",
         "hdbench.profile.acquiring:CompositeAcquisition",

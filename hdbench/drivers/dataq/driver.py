@@ -18,6 +18,7 @@ from hdbench.devices.daq import (
     ScanBlock,
     clean_text,
 )
+from hdbench.devices.driver import Driver, later
 from hdbench.drivers.dataq import scans
 from hdbench.drivers.dataq.port import Commands, Port, port_path
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
@@ -272,19 +273,12 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
 
 
 _STEP = "run again; if it comes back, exchange the cable and leave the digital inputs open"
-
-
 _PROBE_S = 0.3
 
 
 def open_dataq(profile: ProfileData, table: DataqAcquisition) -> DataqDaq:
     """Open the instrument; the port is not opened yet."""
     return DataqDaq(Commands(Port(port_path(table.address)), deadline_s=table.deadline_s), table)
-
-
-def dataq_rate_hz(table: DataqAcquisition) -> float:
-    """Return the highest rate of the profile's channels, Hz, embedded or not."""
-    return max_rates_hz(table)[-1]
 
 
 def verify(table: DataqAcquisition) -> None:
@@ -304,3 +298,15 @@ def probe(path: str) -> str:
             reply += line.read(64)
     said = clean_text(reply.replace(b"\r", b" "))
     return f"DATAQ: {said.removeprefix('info 1').strip()}" if said.startswith("info 1 ") else ""
+
+
+DRIVER = Driver(
+    open=open_dataq,
+    verify=verify,
+    rate_hz=lambda table: max_rates_hz(table)[-1],
+    # no DATAQ instrument has an analog output
+    drives=lambda _: False,
+    emulate=later("hdbench.drivers.dataq.emulator:emulate_dataq"),
+    emulated_speed=10.0,
+    probe=probe,
+)

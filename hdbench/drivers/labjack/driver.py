@@ -15,13 +15,14 @@ from hdbench.devices.daq import (
     ScanBlock,
     clean_text,
 )
+from hdbench.devices.driver import Driver, later
 from hdbench.devices.safestate import Seen
 from hdbench.devices.transactor import TWICE, same_reply
 from hdbench.devices.wire.address import address_of
 from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack import scanlist
 from hdbench.drivers.labjack.control import Control, Session, decoded, feedback_request
-from hdbench.drivers.labjack.outputs import Outputs
+from hdbench.drivers.labjack.outputs import Outputs, stop_target
 from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, user_name
 from hdbench.drivers.labjack.stream import Acquisition
 from hdbench.drivers.labjack.table import LabJackAcquisition
@@ -230,3 +231,15 @@ def labjack_rate_hz(table: LabJackAcquisition) -> float:
     if table.model == "T8":
         return math.inf
     return scanlist.describe_abilities(table).max_rates_hz[-1]
+
+
+DRIVER = Driver(
+    open=open_labjack,
+    verify=scanlist.check_table,
+    rate_hz=labjack_rate_hz,
+    drives=lambda table: table.output is not None,
+    stop_target=stop_target,
+    emulate=later("hdbench.drivers.labjack.emulator.device:emulate_labjack"),
+    # the host writes the reference every millisecond of real time then, what two cores still keep
+    emulated_speed=5.0,
+)
