@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from hdbench.report.page import ReportFiles
-from hdbench.report.write import write_report
+from hdbench.report.page import ReportFiles, write_report
 
 __all__ = ["ReportFiles", "write_report"]

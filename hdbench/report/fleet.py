@@ -22,10 +22,10 @@ from hdbench.records import FloatArray, read_json
 from hdbench.records.csvtext import csv_text
 from hdbench.records.jsonfile import result_header
 from hdbench.report.canvas import COLOURS, new_figure
-from hdbench.report.keyfigures import KINDS, key_figures
 from hdbench.report.numbers import DASH, MINUS, short, unit_words
 from hdbench.report.page import ReportFiles, is_page, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report.sections import KINDS, key_figures
 from hdbench.report.source import typed_result
 from hdbench.report.texts import page_text
 

@@ -1,22 +1,25 @@
-"""A page and its three files: HTML, its numbers as CSV, all of it as JSON."""
+"""Page of a report and its three files: HTML, its numbers as CSV, all of it as JSON."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hdbench import __version__
 from hdbench.errors import DataError, UsageError
 from hdbench.records.csvtext import csv_text
-from hdbench.records.jsonfile import write_json
+from hdbench.records.jsonfile import result_header, write_json
 from hdbench.records.storage import storage_error, write_atomic
 from hdbench.report.numbers import DASH, short
 from hdbench.report.pagemodel import KeyNumber, Section
 from hdbench.report.texts import TEMPLATES, page_text, templates
+
+if TYPE_CHECKING:
+    from hdbench.profile import Profile
 
 _NUMBER_HEAD = ("quantity", "value", "std", "dof", "unit", "source")
 # the first bytes of every file that a report makes hold one of these
@@ -204,3 +207,79 @@ def _dof(n: KeyNumber) -> str:
     if n.dof is None:
         return DASH
     return f"{n.dof:.3g}" if n.dof < 100.0 else f"{n.dof:.0f}"
+
+
+def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = None) -> ReportFiles:
+    """Write the report of one run or of several.
+
+    Parameters
+    ----------
+    runs : sequence of Path
+        Run folders, result files, traces or loads files, in the order in which to show them.
+    out : Path
+        The HTML file, or a folder that gets ``report.html``. CSV and JSON are written beside it
+        under the same name; of a calibration also its record, as ``report-record.csv``.
+    profile : Profile or None
+        Bench for what does not carry its own profile.
+
+    Returns
+    -------
+    ReportFiles
+        The three files.
+
+    Raises
+    ------
+    UsageError
+        If no run is named, or a file of one of these names is there that no report made.
+    DataError
+        If one of them is damaged or of no kind that a report knows.
+    StorageError
+        If the files cannot be written.
+
+    Notes
+    -----
+    The page is self-contained: one script of its own, no outside request, styles and figures
+    inline, and a Content-Security-Policy that allows nothing else. All text is escaped. Nothing in
+    it depends on the time of writing, so that the same runs give the same bytes.
+    """
+    if not runs:
+        raise UsageError("no run named", where="report", fix="name at least one run folder or file")
+    from hdbench.report.calibration.section import record_csv
+    from hdbench.report.sections import make_section
+    from hdbench.report.source import load_source
+
+    out = Path(out)
+    files = page_files(out if is_page(out) else out / "report.html")
+    sources = [load_source(Path(run), profile) for run in runs]
+    sections = tuple(
+        make_section(source, number, files.html) for number, source in enumerate(sources, start=1)
+    )
+    for number, source in enumerate(sources, start=1):
+        if source.kind == "calibration" and source.result:
+            name = f"{files.html.stem}-record{'' if len(sources) == 1 else f'-{number}'}.csv"
+            record = files.html.with_name(name)
+            refuse_foreign((record,))
+            write_atomic(record, record_csv(source.result).encode("utf-8"))
+    named = ((f"{s.kind}.{n.quantity}", n) for s in sections for n in s.numbers)
+    table = numbers_csv(named)
+    return write_page(files, sections, table, _as_json(sections, profile))
+
+
+def _as_json(sections: Sequence[Section], profile: Profile | None) -> dict[str, Any]:
+    return {
+        **result_header("report", profile),
+        "runs": [
+            {
+                "run_id": section.run_id,
+                "kind": section.kind,
+                "verdict": asdict(section.verdict),
+                "doubts": list(section.doubts),
+                "summary": section.summary,
+                "numbers": [asdict(number) for number in section.numbers],
+                "figures": [{"title": p.title, "caption": p.caption} for p in section.pictures],
+                "provenance": dict(section.provenance),
+                "files": {name: digest for name, _, digest in section.files},
+            }
+            for section in sections
+        ],
+    }

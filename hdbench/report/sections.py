@@ -1,25 +1,31 @@
-"""Sections of a report: one for each run."""
+"""Sections of a report, one for each run, and the key figures of any result."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from hdbench.diagnosis.inspection import inspect_trace
 from hdbench.errors import DataError
-from hdbench.report import inspection, ripple
-from hdbench.report.calibration.section import data_pictures
-from hdbench.report.keyfigures import KINDS
+from hdbench.report import inspection, misalignment, ripple
+from hdbench.report.calibration import section as calibration
+from hdbench.report.diagnosis import section as diagnosis
 from hdbench.report.numbers import plain
-from hdbench.report.pagemodel import Picture, Section, Table, Verdict
+from hdbench.report.pagemodel import KeyNumber, Picture, Section, Table, Verdict, key_number
 from hdbench.report.signals import filter_model_of
-from hdbench.report.source import Source
+from hdbench.report.source import Source, typed_result
 from hdbench.report.texts import summary
 
+KINDS = {
+    "calibration": calibration,
+    "misalignment": misalignment,
+    "ripple": ripple,
+    "diagnosis": diagnosis,
+}
 _TITLES = {
     "calibration": "Calibration record",
     "misalignment": "Misalignment",
@@ -39,6 +45,9 @@ _MANIFEST = {
 }
 # nested entries of run.json that say with what the run was made
 _NESTED = ("device", "versions", "simulation", "source")
+# entries that say how a result was asked for, not what came out
+_ASKED = ("profile", "input", "inputs", "settings", "filter", "files", "proposal")
+_CAUSE = re.compile(r"causes\[(\d+)\]")
 
 
 def make_section(source: Source, number: int, out: Path) -> Section:
@@ -95,11 +104,13 @@ def _data(
         drawn = ripple.pictures(source, prefix, doubts)
         if source.profile is None:
             return drawn, ()
+        from hdbench.diagnosis.inspection import inspect_trace
+
         seen = inspect_trace(source.trace, source.profile.data)
         found = seen.to_dict()
         bands = inspection.picture(found, prefix, seen.spectra)
         return (*drawn, *([bands] if bands else [])), inspection.tables(found)
-    return data_pictures(source, prefix), ()
+    return calibration.data_pictures(source, prefix), ()
 
 
 def _provenance(source: Source) -> Iterator[tuple[str, str]]:
@@ -167,3 +178,29 @@ def _filter_tables(source: Source) -> tuple[Table, ...]:
             tuple(model.provenance.items()),
         ),
     )
+
+
+def key_figures(result: Mapping[str, Any]) -> tuple[KeyNumber, ...]:
+    """Return the key figures of a result: for a run those of its report."""
+    kind = "".join(str(result.get("schema", "")).split("/")[1:2])
+    module = KINDS.get(kind)
+    if module is None:
+        return tuple(_plain(result))
+    causes = [cause["name"] for cause in result.get("causes", ())]
+    return tuple(
+        replace(
+            n, quantity=_CAUSE.sub(lambda found: f"causes[{causes[int(found[1])]}]", n.quantity)
+        )
+        for n in module.numbers(typed_result(kind, result, "result"), "")
+    )
+
+
+def _plain(result: Mapping[str, Any]) -> Iterator[KeyNumber]:
+    for key, body in result.items():
+        if key in _ASKED:
+            continue
+        below = body.items() if isinstance(body, Mapping) and "value" not in body else ()
+        for name, entry in ((key, body), *((f"{key}.{k}", v) for k, v in below)):
+            number = key_number(entry, name.replace("_", " "), name, "", name)
+            if number is not None:
+                yield number

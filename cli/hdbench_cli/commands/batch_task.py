@@ -201,7 +201,7 @@ def _verdict(body: Mapping[str, Any], code: int) -> str:
 
 
 def _figures(body: Mapping[str, Any]) -> dict[str, Any]:
-    from hdbench.report.keyfigures import key_figures
+    from hdbench.report.sections import key_figures
 
     found: dict[str, Any] = {}
     for figure in key_figures(body):
