@@ -14,7 +14,7 @@ from hdbench.estimation.search import FALSE_ALARM_LEVEL, Line, LineFit, fit_with
 from hdbench.estimation.stretches import data_flags, stretch_starts
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.model.motion import Motion, motion_from_trace
-from hdbench.profile.channels import torque_channel
+from hdbench.profile.scaling import torque_channel
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace

@@ -28,7 +28,7 @@ from hdbench.filter.kalman import (
     run,
 )
 from hdbench.filter.model import FilterModel, OscillatorBlock
-from hdbench.profile.channels import angle_channel, velocity_channel
+from hdbench.profile.scaling import angle_channel, velocity_channel
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray, Trace
 

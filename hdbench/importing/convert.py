@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError, HdbenchError, UsageError
-from hdbench.importing.cells import MISSING, stamp_seconds
+from hdbench.importing.layout import MISSING, stamp_seconds
 from hdbench.importing.source import Channel, Source, find_channel, listed
 from hdbench.importing.units import known_unit, target_unit, unit_scale
 from hdbench.records.csvtext import plain_matrix

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.importing.cells import MISSING, stamp_seconds
+from hdbench.importing.layout import MISSING, stamp_seconds
 from hdbench.importing.source import Channel, Column, Source
 from hdbench.importing.units import unit_scale
 

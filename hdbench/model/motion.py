@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.model.localfit import LocalFit, fit_derivative, smoothed
-from hdbench.profile.channels import angle_channel, torque_channel, velocity_channel
+from hdbench.profile.scaling import angle_channel, torque_channel, velocity_channel
 from hdbench.profile.schema import Drive, ProfileData
 from hdbench.records.trace import FloatArray, Trace
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.bench import Block
-from hdbench.devices.limits import beyond, crossed_limit
+from hdbench.devices.bench import Block, beyond, crossed_limit
 from hdbench.errors import DeviceError
 from hdbench.profile.schema import Limits
 from hdbench.records import FloatArray

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.devices.bench import Block
-from hdbench.devices.limits import scaled
+from hdbench.devices.bench import Block, scaled
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.filter.online import block_amplitudes

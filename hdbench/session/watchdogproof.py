@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.devices import open_bench
-from hdbench.devices.bench import AcquisitionSettings, SafeState
+from hdbench.devices.bench import AcquisitionSettings, SafeState, scaled
 from hdbench.devices.daq import Daq
 from hdbench.devices.host.bench import HostedBench
-from hdbench.devices.limits import scaled
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.errors import HdbenchError, UnsafeError, UsageError
 from hdbench.profile import Profile

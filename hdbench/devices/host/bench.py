@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.bench import AcquisitionSettings, Block, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Block, SafeState, crossed_limit, scaled
 from hdbench.devices.daq import (
     ROLE_UNITS,
     Capabilities,
@@ -24,7 +24,6 @@ from hdbench.devices.daq import (
 )
 from hdbench.devices.feasibility import HostSettings, check_demands
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
-from hdbench.devices.limits import crossed_limit, scaled
 from hdbench.devices.safestate import wait_for_standstill
 from hdbench.errors import DeviceError, HdbenchError
 from hdbench.records.trace import FloatArray

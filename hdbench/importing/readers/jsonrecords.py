@@ -11,7 +11,7 @@ from typing import IO, Any
 import numpy as np
 from pydantic_core import from_json
 
-from hdbench.importing.cells import stamp_seconds
+from hdbench.importing.layout import stamp_seconds
 from hdbench.importing.source import (
     MOST_CHANNELS,
     Channel,

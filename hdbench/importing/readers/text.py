@@ -15,15 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError
-from hdbench.importing.cells import is_number, stamp_seconds, uses_decimal_comma
 from hdbench.importing.layout import (
     SEARCHED_LINES,
     ForeignFormat,
     TableLayout,
     is_comment,
+    is_number,
     is_time_or_date,
     split,
+    stamp_seconds,
     text_layout,
+    uses_decimal_comma,
 )
 from hdbench.importing.source import (
     Channel,
