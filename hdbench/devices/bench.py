@@ -17,6 +17,15 @@ if TYPE_CHECKING:
     from hdbench.profile.schema import Limits, ProfileData, ReferenceWave
     from hdbench.profile.waves import ReferenceProgram
 
+# 0.1 % above a limit is within the converter's scale error, not a crossing
+_MARGIN = 1.001
+# columns that a bench without the channel does not have
+_COLUMNS_OF = {
+    "encoder": ("motor_angle_rad", "encoder_count"),
+    "current": ("motor_current_a",),
+    "reference": ("reference_v",),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Identity:
@@ -189,16 +198,6 @@ class Operator(Protocol):
 
     def confirm_motion(self, description: str) -> bool:
         """Ask whether the motor may move; True when it may."""
-
-
-# 0.1 % above a limit is within the converter's scale error, not a crossing
-_MARGIN = 1.001
-# columns that a bench without the channel does not have
-_COLUMNS_OF = {
-    "encoder": ("motor_angle_rad", "encoder_count"),
-    "current": ("motor_current_a",),
-    "reference": ("reference_v",),
-}
 
 
 def scaled(block: Block, profile: ProfileData, gain_nm_per_v: float) -> dict[str, FloatArray]:

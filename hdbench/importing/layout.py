@@ -33,6 +33,21 @@ _STAMP = re.compile(
     r"\s*(?P<zone>Z|[+-]\d\d:?\d\d)?"
 )
 _EPOCH = date(1970, 1, 1).toordinal()
+Logger = Literal["labjack", "dataq", "auto"]
+# 1970-01-01 in seconds since 1904-01-01: 66 years, 17 of them leap years
+EPOCH_1904_S = 2_082_844_800
+# as many lines a file may have before its table: 96 channels with a line each, and some to spare
+SEARCHED_LINES = 200
+_DATE = re.compile(r"date\b.*", re.I)
+_DAY = re.compile(r"\d+[./-]\d+[./-]\d+")
+_COMMENTS = ("#", "%", "//")
+# columns that hold a word now and then
+_REMARK = re.compile(r"(?:comment|remark|note|bemerkung|kommentar|marker|event)s?", re.I)
+# in this order where two fit as well: a comma may be a decimal one
+_DELIMITERS = ("\t", ";", " ", ",")
+# rows at the end of the lines looked at that say what the table is like
+_TAIL = 5
+_Row = tuple[int, list[str]]
 
 
 def is_number(cell: str) -> bool:
@@ -81,23 +96,6 @@ def uses_decimal_comma(rows: Sequence[Sequence[str]]) -> bool:
             elif "." in word and _COMMA_NUMBER.fullmatch(word.replace(".", ",", 1)):
                 return False
     return found
-
-
-Logger = Literal["labjack", "dataq", "auto"]
-# 1970-01-01 in seconds since 1904-01-01: 66 years, 17 of them leap years
-EPOCH_1904_S = 2_082_844_800
-# as many lines a file may have before its table: 96 channels with a line each, and some to spare
-SEARCHED_LINES = 200
-_DATE = re.compile(r"date\b.*", re.I)
-_DAY = re.compile(r"\d+[./-]\d+[./-]\d+")
-_COMMENTS = ("#", "%", "//")
-# columns that hold a word now and then
-_REMARK = re.compile(r"(?:comment|remark|note|bemerkung|kommentar|marker|event)s?", re.I)
-# in this order where two fit as well: a comma may be a decimal one
-_DELIMITERS = ("\t", ";", " ", ",")
-# rows at the end of the lines looked at that say what the table is like
-_TAIL = 5
-_Row = tuple[int, list[str]]
 
 
 @dataclass(frozen=True, slots=True)

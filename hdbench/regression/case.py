@@ -34,6 +34,15 @@ _OPTIONS: dict[str, set[str]] = {
     "ripple": {"velocity_above_rad_s", "from_s", "to_s"},
     "diagnosis": {"alpha", "materiality", "seed", "from_s", "to_s"},
 }
+# points of a filtered torque that are stored: enough to see where it moved
+_POINTS = 50
+# keys that name versions and identities, not results
+_NO_RESULT = ("hdbench_version", "profile", "run", "doubts", "settings")
+# keys of a diagnosis that its run folder adds
+_OF_A_RUN = (
+    *("input", "input_sha256", "torque_scale", "part", "inspection"),
+    *("filter_gain", "separating_run"),
+)
 
 
 class _CaseFile(Part, closed=True):
@@ -93,17 +102,6 @@ def find_cases(folder: Path) -> tuple[Path, ...]:
 def _place(name: str, suffix: str, folder: Path) -> str:
     """Return a file beside the case by its path, a built-in one by its name."""
     return str(folder / name) if name.endswith(suffix) else name
-
-
-# points of a filtered torque that are stored: enough to see where it moved
-_POINTS = 50
-# keys that name versions and identities, not results
-_NO_RESULT = ("hdbench_version", "profile", "run", "doubts", "settings")
-# keys of a diagnosis that its run folder adds
-_OF_A_RUN = (
-    *("input", "input_sha256", "torque_scale", "part", "inspection"),
-    *("filter_gain", "separating_run"),
-)
 
 
 def evaluate_case(case: Case) -> dict[str, Any]:

@@ -15,6 +15,9 @@ from hdbench.records.storage import write_atomic
 from hdbench.regression.case import EXPECTED_SCHEMA, Case, evaluate_case, find_cases
 from hdbench.regression.changes import Change, compare_results
 
+# XML 1.0 has no place for other control characters, not even escaped
+_ALLOWED_CONTROLS = "\t\n\r"
+
 
 @dataclass(frozen=True, slots=True)
 class CaseReport:
@@ -153,10 +156,6 @@ def _expected(case: Case) -> Mapping[str, Any]:
             fix="write it again with hdbench regress --update",
         )
     return result
-
-
-# XML 1.0 has no place for other control characters, not even escaped
-_ALLOWED_CONTROLS = "\t\n\r"
 
 
 def write_junit(file: Path, report: RegressionReport) -> None:

@@ -29,6 +29,12 @@ from hdbench.profile.schema import ProfileData
 EMULATOR_NAME = "hdbench-emulator"
 _VENDOR, _MODEL, _FIRMWARE, _NAME, _SERIAL = 0, 1, 2, 5, 6
 _DIGITS = 8
+# one reading outside of an acquisition: a short stream at this period, and the time it may take
+_LOOK_PERIOD_S = 0.002
+_LOOK_SCANS = 8
+_LOOK_S = 0.5
+_STEP = "run again; if it comes back, exchange the cable and leave the digital inputs open"
+_PROBE_S = 0.3
 
 
 def check_identity(commands: Commands, table: DataqAcquisition) -> Identity:
@@ -100,12 +106,6 @@ def max_rates_hz(table: DataqAcquisition) -> tuple[float, ...]:
         )
         for count in range(1, len(roles) + 1)
     )
-
-
-# one reading outside of an acquisition: a short stream at this period, and the time it may take
-_LOOK_PERIOD_S = 0.002
-_LOOK_SCANS = 8
-_LOOK_S = 0.5
 
 
 class DataqDaq(DeviceBase[scans.Acquisition]):
@@ -270,10 +270,6 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
                 "free this computer of other work, sample more slowly, or name fewer channels",
             )
         raise self.error(f"{what} ({done})", _STEP)
-
-
-_STEP = "run again; if it comes back, exchange the cable and leave the digital inputs open"
-_PROBE_S = 0.3
 
 
 def open_dataq(profile: ProfileData, table: DataqAcquisition) -> DataqDaq:

@@ -15,6 +15,26 @@ from hdbench.report.source import Source
 from hdbench.results import CalibrationResult
 from hdbench.results.calibration import LoadStep
 
+_HEAD = ("part", "group", "torque_nm", "name", "value", "unit")
+# keys with their units
+_GAIN = {"value": "N m/V", "std": "N m/V", "dof": "1", "coverage_factor": "1", "expanded": "N m/V"}
+_LINE = {
+    "gain_nm_per_v": "N m/V",
+    "gain_std_nm_per_v": "N m/V",
+    "intercept_nm": "N m",
+    "residual_rms_nm": "N m",
+}
+_STEP = tuple(entry.name for entry in fields(LoadStep) if entry.name.endswith("_v"))
+_CASE = {
+    "relative_std": "1",
+    "dof": "1",
+    "coverage_factor": "1",
+    "expanded_relative_k2_with_deviation": "1",
+    "expanded_relative_with_deviation": "1",
+    "expanded_nm": "N m",
+}
+Row = tuple[str, str, object, str, object, str]
+
 
 def verdict(result: CalibrationResult) -> Verdict:
     """Say whether the gain is accepted."""
@@ -74,27 +94,6 @@ def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:
     limit = 0.05 if source.profile is None else source.profile.data.calibration.max_consistency
     found = evaluate_calibration(source.loads, max_consistency=limit)
     return tuple(range_pictures(source.loads, found.experiments, prefix))
-
-
-_HEAD = ("part", "group", "torque_nm", "name", "value", "unit")
-# keys with their units
-_GAIN = {"value": "N m/V", "std": "N m/V", "dof": "1", "coverage_factor": "1", "expanded": "N m/V"}
-_LINE = {
-    "gain_nm_per_v": "N m/V",
-    "gain_std_nm_per_v": "N m/V",
-    "intercept_nm": "N m",
-    "residual_rms_nm": "N m",
-}
-_STEP = tuple(entry.name for entry in fields(LoadStep) if entry.name.endswith("_v"))
-_CASE = {
-    "relative_std": "1",
-    "dof": "1",
-    "coverage_factor": "1",
-    "expanded_relative_k2_with_deviation": "1",
-    "expanded_relative_with_deviation": "1",
-    "expanded_nm": "N m",
-}
-Row = tuple[str, str, object, str, object, str]
 
 
 def record_csv(result: CalibrationResult) -> str:
