@@ -1,10 +1,12 @@
-"""Console of a command: results on stdout, everything else on stderr."""
+"""Console of a command: results on stdout, everything else and a progress bar on stderr."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -121,3 +123,39 @@ class Output:
         if not console.is_terminal:
             console.width = 100  # a file or pipe has no width of its own
         return console
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Callable[[str, float], None]]:
+    """Show a bar on stderr where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda _what, _share: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    columns = (
+        TextColumn("{task.fields[title]}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
+    console = Output.console(stderr=True)
+    bar = Progress(*columns, console=console, transient=True)
+    task = bar.add_task("", total=1.0, title=title)
+
+    def show(what: str, share: float) -> None:
+        # bar, share, elapsed time and gaps take 41 columns
+        room = max(10, console.width - 41 - len(title))
+        with suppress(OSError):
+            bar.update(task, completed=share, description=Text(what).plain[:room])
+
+    # a terminal that is closed meanwhile takes nothing with it: not the run, and not its exit code
+    with suppress(OSError):
+        bar.start()
+    try:
+        yield show
+    finally:
+        with suppress(OSError):
+            bar.stop()

@@ -9,18 +9,17 @@ import pytest
 # the signal comes while an object is cleared away: what is raised there is dropped by Python
 SCRIPT = """
 import os, signal, sys, time, weakref
-from hdbench_cli import signals
-from hdbench_cli.signals import end_by_signals
+from hdbench_cli import main
 
 # at once: the signal is sent again while the main thread still deals with the lost one
-signals._AGAIN_S = 0.0
+main._AGAIN_S = 0.0
 
 # tests that run in the background are born deaf to Ctrl-C
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 class Thing: pass
 
-end_by_signals()
+main.end_by_signals()
 thing = Thing()
 hook = weakref.ref(thing, lambda _: os.kill(os.getpid(), int(sys.argv[1])))
 del thing

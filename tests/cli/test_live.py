@@ -15,8 +15,7 @@ from hdbench.filter.online import BlockAmplitude
 from hdbench.profile import load_profile
 from hdbench.session.watching import Frame
 from hdbench_cli.live.history import CURVES, History
-from hdbench_cli.live.picture import picture
-from hdbench_cli.live.view import LiveView, free_space
+from hdbench_cli.live.view import LiveView, free_space, picture
 
 PROFILE = load_profile("cim-tr-97-06")
 GAIN = PROFILE.data.servo.velocity_gain_rad_s_per_v

@@ -1,22 +1,27 @@
-"""The person at a calibration, asked on stderr and answering by keys."""
+"""Person at a calibration, asked on stderr and answering by keys."""
 
 from __future__ import annotations
 
+import os
 import re
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from hdbench.errors import DeviceError
 from hdbench.session.calibrating.conversation import Answer, LiveReading, Question, Reply
-from hdbench_cli.asking.keys import END, Keys
+from hdbench.system.keyboard import keyboard
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.live import Live
 
+# what `Keys.wait` returns when nobody can answer any more
+_END = ""
+_ESCAPE = "\x1b"
+_STANDARD_INPUT = 0
 _KEYS = {
     "\n": None,
     "a": Answer.ACCEPT,
@@ -54,6 +59,76 @@ _DOUBTS = ("gross-error", "time-out")
 _DRAW_S = 0.1  # often enough to look alive
 _BAR = 10
 _LINE_S = 5.0  # without a terminal a line now and then is enough
+
+
+class Keys:
+    """Reads what a person presses.
+
+    Notes
+    -----
+    On a terminal a key counts as soon as it is pressed, without echo; Ctrl-C stays a signal.
+    Elsewhere a line counts: its words, then Enter.
+    """
+
+    def __init__(self) -> None:
+        self._keyboard = keyboard(_STANDARD_INPUT)
+        self.terminal = os.isatty(_STANDARD_INPUT)
+        self.single = False
+        self._waiting = ""
+        self._ended = False
+
+    @contextmanager
+    def opened(self) -> Iterator[Keys]:
+        """Take single keys from a terminal until the end of the block."""
+        self.single = self.terminal and self._keyboard.take_single()
+        try:
+            yield self
+        finally:
+            self._keyboard.give_back()
+            self.single = False
+
+    def forget(self) -> None:
+        """Drop what was typed ahead on a terminal: an answer belongs to the question before it."""
+        if self.single:
+            self._keyboard.take_single()  # a stop with Ctrl-Z may have changed the terminal
+            while self._keyboard.ready(0.0) and not self._ended:
+                self._read()
+            self._waiting = ""
+
+    def wait(self) -> str:
+        """Wait for a key or a line."""
+        while True:
+            taken = self._take()
+            if taken is not None:
+                return taken
+            if self._ended:
+                return _END
+            self._read()
+
+    def poll(self) -> str | None:
+        """Return the next key or line if there is one, without waiting."""
+        if not self._ended and self._keyboard.ready(0.0):
+            self._read()
+        return self._take()
+
+    def _take(self) -> str | None:
+        if not self._waiting:
+            return None
+        if self.single:
+            taken, self._waiting = self._waiting[0], self._waiting[1:]
+            return taken
+        line, mark, rest = self._waiting.partition("\n")
+        if not mark and not self._ended:
+            return None
+        self._waiting = rest
+        return line + "\n"
+
+    def _read(self) -> None:
+        raw = self._keyboard.read()
+        self._ended = not raw
+        text = raw.decode("utf-8", errors="replace").replace("\r", "\n")
+        # arrows and function keys come as a sequence behind an escape, in one piece
+        self._waiting += text.partition(_ESCAPE)[0] if self.single else text
 
 
 def live_line(live: LiveReading) -> str:
@@ -120,7 +195,7 @@ class TerminalTalk:
         self._write("  > ")
         while True:
             key = self.keys.wait()
-            if key == END:
+            if key == _END:
                 self._say("")
                 raise DeviceError(
                     "standard input has ended before all questions were answered",

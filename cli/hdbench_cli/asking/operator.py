@@ -14,10 +14,8 @@ import click
 from hdbench.errors import UsageError
 from hdbench.profile import Profile
 from hdbench.session.calibrating.conversation import Conversation, Unattended
-from hdbench_cli.asking.conversation import TerminalTalk
-from hdbench_cli.asking.keys import Keys
-from hdbench_cli.live.progress import progress_bar
-from hdbench_cli.output import Output
+from hdbench_cli.asking.conversation import Keys, TerminalTalk
+from hdbench_cli.output import Output, progress_bar
 
 Who = Literal["auto", "person", "simulated"]
 

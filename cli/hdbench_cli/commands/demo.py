@@ -18,8 +18,7 @@ from hdbench.session import BenchOptions, run_experiment
 from hdbench_cli.commands import diagnosis_text
 from hdbench_cli.commands.experiment_text import LINES, calibration_summary
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.live.progress import progress_bar
-from hdbench_cli.output import Output
+from hdbench_cli.output import Output, progress_bar
 from hdbench_cli.text import Lines, styled
 
 _KINDS = ("calibration", "misalignment", "ripple")

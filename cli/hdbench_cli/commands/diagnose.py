@@ -12,8 +12,7 @@ from hdbench.model import describe_causes, user_causes
 from hdbench.profile import Profile
 from hdbench.records import result_header
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.live.progress import progress_bar
-from hdbench_cli.output import Output
+from hdbench_cli.output import Output, progress_bar
 from hdbench_cli.text import Lines
 
 

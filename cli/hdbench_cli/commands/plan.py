@@ -9,8 +9,7 @@ from typing import Any
 from hdbench.diagnosis.planning import plan_report, write_plan
 from hdbench.errors import UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.live.progress import progress_bar
-from hdbench_cli.output import Output
+from hdbench_cli.output import Output, progress_bar
 from hdbench_cli.text import Lines, styled
 
 # lines of each table that fit one screen together with the rest
