@@ -1,4 +1,4 @@
-"""Filter models by name: the report's, those built from stored results, and model files."""
+"""Filter models by name: the report's, of stored results, of model files, of a run that had one."""
 
 from __future__ import annotations
 
@@ -14,12 +14,27 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from hdbench.errors import DataError
 from hdbench.filter.model import SCHEMA, FilterModel, OscillatorBlock
+from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData
 from hdbench.records.jsonfile import read_json
 from hdbench.results import Part
 from hdbench.results.parts import first_fault
 
 _PREFIX = "results-on-"
+_FEED = "evaluate that run again and feed its result.json"
+MODEL_SCHEMA = "hdbench/model/1"
+PRESETS = ("report-a1", "report-a2", "report-6")
+_MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
+_OUTPUT_ORDERS = {"misalignment": 1.0, "angular-misalignment": 2.0, "load-gravity": 1.0}
+# repeated impacts: the defect's order, twice and three times it; poles: currents, slots, windings
+_HARMONICS = {"bearing-defect": (1, 2, 3), "cogging": (1, 2, 3, 6)}
+_SOURCES = {
+    "report-a1": "report CIM-TR-97-06, section 4 and listing A.1",
+    "report-a2": "report CIM-TR-97-06, section 5 and listing A.2",
+    "report-6": "report CIM-TR-97-06, section 5 (sixth-order model) with the noise of listing A.2",
+}
+# name of the filter that is tuned on the very input
+TUNED = "tuned"
 
 
 def _value_of(entry: object) -> object:
@@ -55,9 +70,6 @@ class _Misalignment(Part, strict=True):
 
 class _Calibration(Part, strict=True):
     gain_nm_per_v: _Number
-
-
-_FEED = "evaluate that run again and feed its result.json"
 
 
 def build_filter_model(
@@ -185,19 +197,6 @@ def _with_misalignment(
     return (*kept, block)
 
 
-MODEL_SCHEMA = "hdbench/model/1"
-PRESETS = ("report-a1", "report-a2", "report-6")
-_MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
-_OUTPUT_ORDERS = {"misalignment": 1.0, "angular-misalignment": 2.0, "load-gravity": 1.0}
-# repeated impacts: the defect's order, twice and three times it; poles: currents, slots, windings
-_HARMONICS = {"bearing-defect": (1, 2, 3), "cogging": (1, 2, 3, 6)}
-_SOURCES = {
-    "report-a1": "report CIM-TR-97-06, section 4 and listing A.1",
-    "report-a2": "report CIM-TR-97-06, section 5 and listing A.2",
-    "report-6": "report CIM-TR-97-06, section 5 (sixth-order model) with the noise of listing A.2",
-}
-
-
 def preset(name: str, profile: ProfileData) -> FilterModel:
     """Return one of the report's filter models on the bench of `profile`.
 
@@ -283,7 +282,7 @@ def load_filter_model(name_or_path: str, profile: ProfileData) -> FilterModel:
 
 
 def _unknown(name: str) -> DataError:
-    if name == "tuned":
+    if name == TUNED:
         return DataError(
             "'tuned' is tuned on the very input, and there is none before measuring; presets: "
             f"{', '.join(PRESETS)}",
@@ -391,3 +390,34 @@ def _cause_blocks(cause: _Cause, profile: ProfileData) -> list[OscillatorBlock]:
     if turning is None:
         return []
     return [OscillatorBlock(k * turning, "ripple", noise) for k in _HARMONICS.get(cause.name, (1,))]
+
+
+def choose_filter(
+    profile: Profile,
+    name: str | None,
+    *,
+    misalignment: Path | None = None,
+    source: Path | None = None,
+) -> FilterModel:
+    """Return the filter that was asked for."""
+    stored = None if name or source is None else _stored_filter(source, profile)
+    base = stored or load_filter_model(name or profile.data.filter.model, profile.data)
+    if misalignment is None:
+        return base
+    file = misalignment / "result.json" if misalignment.is_dir() else misalignment
+    result = read_json(file, "hdbench/misalignment/1")
+    return build_filter_model(base, misalignment=result)
+
+
+def _stored_filter(source: Path, profile: Profile) -> FilterModel | None:
+    """Return the filter that ran while a run was sampled."""
+    manifest = source / "run.json"
+    if not manifest.is_file():
+        return None
+    body = read_json(manifest)
+    own, model = body.get("profile"), body.get("filter")
+    if not (isinstance(own, dict) and own.get("sha256") == profile.sha256):
+        return None
+    if not isinstance(model, dict):
+        return None
+    return FilterModel.from_dict(model, source=f"{manifest}: filter")

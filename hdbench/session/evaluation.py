@@ -11,6 +11,8 @@ from hdbench.errors import DataError
 from hdbench.evaluation import EvaluatedResult
 from hdbench.evaluation import evaluate as evaluate_record
 from hdbench.filter import FilterModel, build_filter_model
+from hdbench.filter.presets import TUNED, choose_filter
+from hdbench.filter.tuning.run import tune_traces
 from hdbench.profile import Profile
 from hdbench.profile.scaling import measured_utc, profile_scale, rescaled, stored_scale
 from hdbench.records import Loads, TorqueScale, Trace
@@ -22,7 +24,6 @@ from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace, write_trace
 from hdbench.ripple import Stretch
-from hdbench.session.filters import TUNED, choose_filter, tune_traces
 
 # share of the largest load below which a torque of the other sign may be the zero of a reference
 # sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again

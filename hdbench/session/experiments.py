@@ -11,6 +11,7 @@ from hdbench.diagnosis.planning.planfile import read_plan, write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.filter import kernel_name
+from hdbench.filter.presets import choose_filter
 from hdbench.profile import Profile, check_loads, stored_profile
 from hdbench.profile.scaling import checked_age, profile_scale, read_calibration, stored_scale
 from hdbench.records import TorqueScale
@@ -24,7 +25,6 @@ from hdbench.session.calibrating.plan import (
     sequence_plan,
     write_points,
 )
-from hdbench.session.filters import choose_filter
 from hdbench.session.options import BenchOptions, RunOutcome, Task
 from hdbench.session.plans import (
     PLAN_NAME,

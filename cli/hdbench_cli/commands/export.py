@@ -7,8 +7,8 @@ from typing import Any
 
 from hdbench.errors import UsageError
 from hdbench.filter.firmware import export_firmware
+from hdbench.filter.presets import choose_filter
 from hdbench.records.exporting import export_records, gather
-from hdbench.session.filters import choose_filter
 from hdbench_cli.inputs import choose_profile, own_names
 from hdbench_cli.output import Output
 

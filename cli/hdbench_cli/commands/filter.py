@@ -23,11 +23,11 @@ from hdbench.filter import (
 from hdbench.filter.comparison import Comparison, compare_filters
 from hdbench.filter.online import FLAG_BITS
 from hdbench.filter.orders import SmoothedTorque, smooth_channels
+from hdbench.filter.presets import choose_filter
 from hdbench.profile import Profile
 from hdbench.records import Trace, result_header, write_trace
 from hdbench.results import DataFlag
 from hdbench.session.evaluation import channel_refusal
-from hdbench.session.filters import choose_filter
 from hdbench_cli.commands.tune import tuned_on
 from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
 from hdbench_cli.output import Output

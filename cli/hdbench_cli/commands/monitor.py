@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
+from hdbench.filter.presets import choose_filter
 from hdbench.profile.scaling import profile_scale, read_calibration
-from hdbench.session.filters import choose_filter
 from hdbench.session.monitor import observe
 from hdbench.session.stop import listen
 from hdbench_cli.inputs import choose_profile

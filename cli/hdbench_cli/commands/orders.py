@@ -16,9 +16,9 @@ from hdbench.filter.orders import (
     order_spectrum,
     smooth_channels,
 )
+from hdbench.filter.presets import choose_filter
 from hdbench.records import Trace, result_header, write_atomic, write_trace
 from hdbench.records.csvtext import csv_text
-from hdbench.session.filters import choose_filter
 from hdbench_cli.commands.filter import (
     order_lines,
     smoothed_columns,

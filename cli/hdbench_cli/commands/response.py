@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hdbench.filter.presets import choose_filter
 from hdbench.filter.response import filter_response, inject
 from hdbench.profile import Profile
-from hdbench.session.filters import choose_filter
 from hdbench_cli.inputs import choose_profile
 from hdbench_cli.output import Output
 from hdbench_cli.text import Lines, table

@@ -14,12 +14,12 @@ from hdbench import __version__
 from hdbench.errors import DataError, UsageError
 from hdbench.filter import FilterModel, OscillatorBlock, kernel_name, kernel_reason
 from hdbench.filter.model import SCHEMA
+from hdbench.filter.presets import choose_filter
 from hdbench.filter.tuning.result import TuningResult
-from hdbench.filter.tuning.run import TuningSettings, settings_of
+from hdbench.filter.tuning.run import TuningSettings, settings_of, tune_traces
 from hdbench.profile import Profile
 from hdbench.records import read_json, write_json
 from hdbench.results.parts import first_fault
-from hdbench.session.filters import choose_filter, tune_traces
 from hdbench_cli.inputs import Input, check_out, choose_profile, read_input
 from hdbench_cli.next_step import after_tune, next_line
 from hdbench_cli.output import Output

@@ -14,7 +14,13 @@ from pydantic import Field, PositiveFloat
 from hdbench.estimation.stretches import true_runs
 from hdbench.filter.kalman import GATE_SAMPLES, GATED
 from hdbench.filter.model import FilterModel, SlowKind
-from hdbench.filter.online import SCREEN_STATES, Channels, run_channels, screen_torque
+from hdbench.filter.online import (
+    SCREEN_STATES,
+    Channels,
+    filter_channels,
+    run_channels,
+    screen_torque,
+)
 from hdbench.filter.tuning.limits import (
     forget_beyond_the_data,
     leave_the_torque,
@@ -37,8 +43,9 @@ from hdbench.filter.tuning.problem import (
 )
 from hdbench.filter.tuning.result import CandidateResult, TuningResult, check_innovations
 from hdbench.filter.tuning.search import estimate_all, maximise
+from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData
-from hdbench.records import FloatArray
+from hdbench.records import FloatArray, Trace
 from hdbench.results import Part
 
 SlowChoice = Literal["auto", "none"] | SlowKind
@@ -225,6 +232,19 @@ def tune(
         notes=notes_on(model, motion, estimates, settings.slow, consistency),
     )
     return replace(result, model=replace(result.model, tuning=result.to_dict()))
+
+
+def tune_traces(
+    profile: Profile,
+    base: FilterModel,
+    traces: Sequence[Trace],
+    origins: Mapping[str, str],
+    settings: TuningSettings | None = None,
+) -> TuningResult:
+    """Tune a filter on traces."""
+    channels = [filter_channels(trace, profile.data, use_measured_angle=True) for trace in traces]
+    measured = replace(base, use_measured_angle=True)
+    return tune(measured, channels, settings or settings_of(profile.data), origins=dict(origins))
 
 
 def _screened(
