@@ -25,7 +25,7 @@ from hdbench.session.calibrating.plan import (
     sequence_plan,
     write_points,
 )
-from hdbench.session.options import BenchOptions, RunOutcome, Task
+from hdbench.session.options import BenchOptions, Progress, RunOutcome, Task
 from hdbench.session.plans import (
     PLAN_NAME,
     Plan,
@@ -36,7 +36,6 @@ from hdbench.session.plans import (
 )
 from hdbench.session.run import Run, kept
 from hdbench.session.stop import listen
-from hdbench.session.watching import Progress
 
 
 def make_plan(

@@ -15,10 +15,9 @@ from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
 from hdbench.profile import Profile
 from hdbench.records import FloatArray, TorqueScale
-from hdbench.session.recorder import TraceRecorder
+from hdbench.session.recorder import TraceRecorder, Watcher
 from hdbench.session.runner import next_block
 from hdbench.session.stop import StopRequested, StopSignals
-from hdbench.session.watching import Watcher
 
 _LONGEST_S = 86400.0
 _SHOWN = {

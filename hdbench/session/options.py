@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,8 +18,11 @@ from hdbench.records.runfolder import RunFolder
 from hdbench.session.calibrating.conversation import Conversation
 from hdbench.session.calibrating.plan import Preset
 from hdbench.session.plans import Plan
+from hdbench.session.recorder import Watcher
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Progress, Watcher
+
+Progress = Callable[[str, float], None]
+"""Called with what is going on and the share done, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Recorder: blocks of samples to rows of the trace, in the journal before they count."""
+"""Recorder: blocks to rows of the trace, in the journal before they count, frames for a view."""
 
 from __future__ import annotations
 
@@ -14,16 +14,41 @@ import numpy as np
 from hdbench.devices.bench import Block, scaled
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
-from hdbench.filter.online import block_amplitudes
+from hdbench.filter.online import BlockAmplitude, block_amplitudes
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
 from hdbench.records.counted import JournalSamples
 from hdbench.records.journal import JournalWriter
 from hdbench.session.limits import HeldTorque
-from hdbench.session.watching import Frame
 
 _SYNC_S = 0.05  # longest time between two syncs of the journal
 _COUNTS = ("lost", "saturated", "held")
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The newest samples of a run and how it stands."""
+
+    phase: str
+    done_s: float
+    total_s: float
+    columns: Mapping[str, FloatArray]
+    rows: int
+    lost: int
+    saturated: int
+    depth: int
+    retries: int
+    amplitudes: tuple[BlockAmplitude, ...]
+
+
+class Watcher:
+    """Somebody who looks on; this one does not. Neither call may take time or raise."""
+
+    def frame(self, frame: Frame) -> None:
+        """Take note of the newest samples."""
+
+    def asking(self, *, now: bool) -> None:
+        """Leave the screen to a question (`now`), and take it back after the answer."""
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ from rich.live import Live
 from hdbench.filter import OscillatorBlock
 from hdbench.filter.online import BlockAmplitude
 from hdbench.profile import load_profile
-from hdbench.session.watching import Frame
+from hdbench.session.recorder import Frame
 from hdbench_cli.live.history import CURVES, History
 from hdbench_cli.live.view import LiveView, free_space, picture
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.filter import OscillatorBlock
-from hdbench.session.watching import Frame
+from hdbench.session.recorder import Frame
 
 Array = NDArray[np.float64]
 

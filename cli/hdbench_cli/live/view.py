@@ -20,7 +20,7 @@ from rich.console import Group
 from rich.text import Text
 
 from hdbench.profile import Profile
-from hdbench.session.watching import Frame, Watcher
+from hdbench.session.recorder import Frame, Watcher
 from hdbench_cli.live.history import CURVES, Curve, History, Order
 from hdbench_cli.output import Output
 from hdbench_cli.text import sparkline
