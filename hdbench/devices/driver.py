@@ -11,8 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 from hdbench.devices.daq import Daq
 from hdbench.errors import UsageError
-from hdbench.profile.acquiring import Acquisition, load_table, table_of
-from hdbench.profile.acquiring_table import BROKEN, closest, find, installed
+from hdbench.profile.acquiring import (
+    BROKEN,
+    Acquisition,
+    closest,
+    find,
+    installed,
+    load_table,
+    table_of,
+)
 from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, PositiveFloat
 
-from hdbench.profile.acquiring_table import Acquisition, OutputChannel, Role, SerialLine, TlsFiles
+from hdbench.profile.acquiring import Acquisition, OutputChannel, Role, SerialLine, TlsFiles
 from hdbench.profile.tables import Conflict, NonNegative, Table, item
 
 Key = tuple[str | int, ...]

@@ -14,7 +14,7 @@ from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import FrameError, connect, read_registers
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
-from hdbench.profile.acquiring_table import TlsFiles
+from hdbench.profile.acquiring import TlsFiles
 from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)

@@ -12,7 +12,7 @@ from hdbench.devices.driver import drivers, open_daq
 from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.dataq.port import port_path
 from hdbench.errors import UsageError
-from hdbench.profile import acquiring_table as installed
+from hdbench.profile import acquiring as installed
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import NodeAcquisition, PluginAcquisition
 
@@ -80,7 +80,7 @@ DRIVER = Driver(open=lambda profile, table: None, rate_hz=lambda table: 10.0 * t
     "acme_table.py": """
 from typing import Annotated, Literal
 from pydantic import Field
-from hdbench.profile.acquiring_table import Acquisition
+from hdbench.profile.acquiring import Acquisition
 class AcmeTable(Acquisition):
     driver: Literal["acme"]
     gain: Annotated[int, Field(ge=1, description="gain of the amplifier")]

@@ -16,7 +16,7 @@ from hdbench.devices.modbus.replies import polled_link
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import FrameError, connect, read_registers
 from hdbench.errors import UsageError
-from hdbench.profile.acquiring_table import TlsFiles
+from hdbench.profile.acquiring import TlsFiles
 
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="makes certificates")
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from hdbench.profile.acquiring_table import Acquisition, Role
+from hdbench.profile.acquiring import Acquisition, Role
 
 
 class BridgeTable(Acquisition):

@@ -10,7 +10,7 @@ from typing import Any
 from hdbench.devices.driver import driver_of
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.link import Request
-from hdbench.profile.acquiring_table import TlsFiles
+from hdbench.profile.acquiring import TlsFiles
 from hdbench.profile.schema import ProfileData
 from hdbench.system.children import child_command
 

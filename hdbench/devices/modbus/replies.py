@@ -22,7 +22,7 @@ from hdbench.system.sockets import TimedSocket
 
 # the guard loads this module, and of hdbench nothing but the wire
 if TYPE_CHECKING:
-    from hdbench.profile.acquiring_table import TlsFiles
+    from hdbench.profile.acquiring import TlsFiles
 
 _INCOMPLETE = (0, 0, 0, b"")
 # longest frame of the ASCII form: colon, 2 x 255 characters, end of line

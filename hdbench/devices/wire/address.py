@@ -15,7 +15,7 @@ from hdbench.errors import DeviceError, UsageError
 from hdbench.system.lines import is_port
 
 if TYPE_CHECKING:
-    from hdbench.profile.acquiring_table import Acquisition, SerialLine
+    from hdbench.profile.acquiring import Acquisition, SerialLine
 
 NETWORK = re.compile(
     r"(?P<scheme>tcp|tls|udp|rtu\+tcp)://(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[A-Za-z0-9._-]+)"

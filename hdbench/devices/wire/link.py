@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from hdbench.devices.wire.address import Address
 
 if TYPE_CHECKING:
-    from hdbench.profile.acquiring_table import TlsFiles
+    from hdbench.profile.acquiring import TlsFiles
     from hdbench.system.lines import Claim
 
 EXCEPTIONS = {

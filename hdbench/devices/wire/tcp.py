@@ -19,7 +19,7 @@ from hdbench.system.files import is_private
 from hdbench.system.sockets import TimedSocket
 
 if TYPE_CHECKING:
-    from hdbench.profile.acquiring_table import TlsFiles
+    from hdbench.profile.acquiring import TlsFiles
 
 _HEADER = struct.Struct(">HHHB")
 # ten replies of the greatest length

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import PositiveFloat
 
-from hdbench.profile.acquiring_table import Acquisition, OutputChannel, Role
+from hdbench.profile.acquiring import Acquisition, OutputChannel, Role
 from hdbench.profile.tables import Table, item
 
 
