@@ -37,15 +37,15 @@ def answered(cases):
     return out
 
 
-def several(seed, *names):
+def several(seed, *names, record="quick"):
     hidden = tuple(Hidden(name, "physical") for name in names)
-    return Case(f"quick-T-{seed}", "T", "compact", seed=seed, hidden=hidden, note="3")
+    return Case(f"quick-T-{seed}", "T", record, seed=seed, hidden=hidden, note="3")
 
 
-def pair(seed, *names):
+def pair(seed, *names, record="quick"):
     hidden = tuple(Hidden(name, "d40") for name in names)
     return [
-        Case(f"quick-W-{seed}-{note}", "W", "compact", seed=seed, hidden=hidden, note=note)
+        Case(f"quick-W-{seed}-{note}", "W", record, seed=seed, hidden=hidden, note=note)
         for note in ("plain", "rough")
     ]
 
@@ -202,7 +202,7 @@ def test_known_things_of_a_real_record_are_looked_up():
 
 def test_a_rough_log_and_an_unseen_effect_are_answered_and_scored():
     rough = pair(_SEED + 11, "coulomb-friction")[1]
-    unseen = Case("quick-U-0", "U", "compact", seed=_SEED + 20, hidden=(Hidden("unseen", "d20"),))
+    unseen = Case("quick-U-0", "U", "quick", seed=_SEED + 20, hidden=(Hidden("unseen", "d20"),))
     rows = answered([rough, unseen])
     lines = "\n".join(line_of(*row) for row in rows)
     assert all(judge_wide(*row).answered for row in rows), lines
@@ -215,8 +215,10 @@ def test_short_records_of_each_part_are_answered_and_scored():
                    hidden=(Hidden("unseen", "d20"),)) for k in range(2)]  # fmt: skip
     rows = answered(
         [
-            several(_SEED + 10, "ripple-harmonic", "viscous-friction", "zero-step"),
-            *pair(_SEED + 11, "coulomb-friction"),
+            several(
+                _SEED + 10, "ripple-harmonic", "viscous-friction", "zero-step", record="compact"
+            ),
+            *pair(_SEED + 11, "coulomb-friction", record="compact"),
             *unseen,
         ]
     )
