@@ -60,11 +60,20 @@ def _has_parameters(thing: object) -> bool:
     return inspect.isfunction(thing)
 
 
+def _has_summary(thing: object) -> bool:
+    """Say whether a docstring has a summary of one line with a full stop: numpydoc looks slowly."""
+    # one that is inherited is no docstring of this thing
+    first, *more = inspect.cleandoc(thing.__doc__ or "").splitlines() or [""]
+    return first.endswith(".") and not any(more[:1])
+
+
 def main() -> int:
     """Print what is wrong; return 1 if anything is."""
     found, rooms = 0, exported()
     for name, thing in public_names():
         owed = CODES if id(thing) in rooms else SUMMARY
+        if owed is SUMMARY and _has_summary(thing):
+            continue
         for code, message in validate(name)["errors"]:
             if code in owed:
                 found += 1
