@@ -8,7 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from hdbench.devices.bench import Bench, Block
+import pytest
+
+from hdbench.devices import safestate
+from hdbench.devices.bench import Bench, Block, SafeState
 from hdbench.devices.daq import Daq, ScanBlock
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.memory import Memory
@@ -51,6 +54,15 @@ def read_samples(bench: Bench, n_samples: int) -> list[Block]:
         if block is not None:
             blocks.append(block)
     return blocks
+
+
+def not_made_safe(bench: Bench | Daq) -> SafeState:
+    """Ask for a safe state that cannot be reached, for half a second: test_node has 2.5 s."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(safestate, "_TIMEOUT_S", 0.5)
+        safe = bench.safe_state()
+    assert not safe.confirmed
+    return safe
 
 
 def disturb(instrument: SimulatedInstrument, **held_v: float) -> None:

@@ -14,23 +14,25 @@ from hdbench.profile import load_profile
 SHADOWS = ("signal", "json", "asyncio", "struct", "pathlib", "site", "subprocess", "select")
 RUN = """
 import sys
-{early}
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices import opening, guard
 from hdbench.devices.emulator import process
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 import asyncio, pathlib, signal, struct, subprocess
-{late}
-with open_bench(load_profile("cim-tr-97-06")) as bench:
-    wave = ReferenceWave(wave="constant", amplitude_v=1.0)
-    bench.configure(AcquisitionSettings(2e-3, 100, wave))
-    bench.start()
-    seen = 0
-    while seen < 100:
-        block = bench.read_block()
-        seen += len(block) if block else 0
-    print(bench.safe_state().confirmed)
+# `python -m hdbench_cli` puts the folder first, the program `hdbench` does not
+for first in ["{folder}"], [""], []:
+    sys.path[:0] = first
+    with open_bench(load_profile("cim-tr-97-06")) as bench:
+        wave = ReferenceWave(wave="constant", amplitude_v=1.0)
+        bench.configure(AcquisitionSettings(2e-3, 100, wave))
+        bench.start()
+        seen = 0
+        while seen < 100:
+            block = bench.read_block()
+            seen += len(block) if block else 0
+        print(bench.safe_state().confirmed)
+    del sys.path[:len(first)]
 """
 
 
@@ -50,12 +52,10 @@ def ran(words, **keys):
     return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, **keys)
 
 
-@pytest.mark.parametrize("late", ["", "sys.path.insert(0, '')", "sys.path.insert(0, {folder!r})"])
-def test_modules_of_the_users_folder_are_no_standard_library(folder, late):
-    # `python -m hdbench_cli` puts the folder first, the program `hdbench` does not
-    program = RUN.format(early="", late=late.format(folder=str(folder)))
+def test_modules_of_the_users_folder_are_no_standard_library(folder):
+    program = RUN.format(folder=folder)
     done = ran([sys.executable, "-P", "-c", program], cwd=folder)
-    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
+    assert (done.returncode, done.stdout) == (0, 3 * "True\n"), done.stderr
 
 
 def test_a_driver_that_the_guard_calls_is_not_shadowed_either(folder):

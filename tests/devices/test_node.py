@@ -10,7 +10,7 @@ from daqkit import Clock
 from faults.lines import emulated
 from nodekit import PROFILE, TinyBench, codes_of, driver, served, through, until
 from pymodbus.client import ModbusTcpClient
-from served import read_all
+from served import not_made_safe, read_all
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator
 from hdbench.devices.daq import clean_text
@@ -549,8 +549,7 @@ def test_after_a_lost_connection_another_node_at_the_address_is_never_written_to
         bench.daq.node._link.close()
         strange.append(True)
         asked = len(frames)
-        safe = bench.safe_state()
-        assert not safe.confirmed
+        safe = not_made_safe(bench)
         assert "another device" in safe.detail
         # nothing but reads was sent to it
         assert {frame[7] for frame in frames[asked:]} <= {3}

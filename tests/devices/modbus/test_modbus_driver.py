@@ -9,7 +9,7 @@ from faults.lines import faulty_serial, faulty_tcp
 from faults.mangler import Mangler, RtuFraming, TcpFraming
 from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
 from pymodbus.client import ModbusTcpClient
-from served import swap_words
+from served import not_made_safe, swap_words
 from stopwatch import Stopwatch
 
 from hdbench.devices.emulator.instrument import ElectricalSamples
@@ -114,8 +114,7 @@ def test_after_a_lost_connection_another_device_at_the_address_is_never_written_
             daq.write_output("reference", 0.5)
         with pytest.raises(DeviceError, match="another device"):
             daq.snapshot()
-        safe = daq.safe_state()
-        assert not safe.confirmed
+        safe = not_made_safe(daq)
         assert "another device" in safe.detail
         assert len(found.written) == written
         found.call(lambda: found.device.memory.put(1, 4660))
@@ -273,8 +272,7 @@ def test_the_safe_state_is_not_confirmed_when_nobody_answers():
     with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address, deadline_s=0.1) as daq:
         daq.configure(settings(1, roles=()))
         found.call(lambda: setattr(found.device, "hears", lambda _: False))
-        safe = daq.safe_state()
-        assert not safe.confirmed
+        safe = not_made_safe(daq)
         assert "no valid reply" in safe.detail
 
 
@@ -325,8 +323,7 @@ def test_another_device_is_never_written_to_not_even_to_make_it_safe():
         with driver(what, device.address, identify=(wrong,)) as daq:
             with pytest.raises(DeviceError, match="reads 4660; needed: 7"):
                 daq.configure(settings(3))
-            safe = daq.safe_state()
-        assert not safe.confirmed
+            safe = not_made_safe(daq)
         assert "4660" in safe.detail
         assert device.written == []
         with driver(what, device.address) as daq:

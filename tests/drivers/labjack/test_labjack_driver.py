@@ -16,7 +16,7 @@ from labjackkit import (
     turning,
     values,
 )
-from served import read_all, swap_words
+from served import not_made_safe, read_all, swap_words
 
 from hdbench.drivers.labjack.driver import labjack_rate_hz
 from hdbench.drivers.labjack.emulator import streaming
@@ -205,7 +205,7 @@ def test_nothing_is_written_to_another_device(product, swap, changes, said):
                 daq.claim()
             with pytest.raises(DeviceError, match=said):
                 daq.configure(settings(10))
-            assert not daq.safe_state().confirmed
+            not_made_safe(daq)
         assert writes == []
 
 
@@ -287,12 +287,10 @@ def test_a_safe_state_that_cannot_be_seen_is_not_confirmed():
     with claimed() as (device, daq):
         # an enable line that is stuck on
         device.device.memory._cells["holding", digital_line(4).address].on_read = lambda: 1
-        safe = daq.safe_state()
-        assert not safe.confirmed
+        safe = not_made_safe(daq)
         assert "still enabled" in safe.detail
     with driver(1) as nobody:
-        safe = nobody.safe_state()
-        assert not safe.confirmed
+        safe = not_made_safe(nobody)
         assert safe.reference_v is None
         assert "no connection" in safe.detail
 
@@ -378,8 +376,7 @@ def test_after_a_lost_connection_another_labjack_at_the_address_is_never_written
         daq.write_output("reference", 1.0)
         daq.control._link.close()
         device.device.memory.put(60028, 470_000_001)
-        safe = daq.safe_state()
-        assert not safe.confirmed
+        safe = not_made_safe(daq)
         assert "another device" in safe.detail
         assert device.instrument.reference_v == 1.0
         device.device.memory.put(60028, int(daq.identity().serial))
