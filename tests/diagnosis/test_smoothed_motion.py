@@ -12,6 +12,7 @@ from hdbench.diagnosis.discovery.acceleration import accelerations
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import fixed_of
 from hdbench.diagnosis.discovery.record import on_clock, prepare_record
+from hdbench.diagnosis.dynamic import make_ready, make_task
 from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile import load_profile
 from hdbench.records import Trace
@@ -49,8 +50,8 @@ def test_a_smoothed_velocity_brings_no_name_but_friction(cutoff_hz):
 
 
 def test_a_velocity_with_noise_to_the_end_limits_nothing():
-    found = diagnose_trace(reversing_log(None, n=6000), PROFILE)
-    assert found.settings["motion_known_hz"] == pytest.approx(500.0)
+    task = make_task(PROFILE, None, (), 0.01, 0.01, 0, ())
+    assert make_ready(task, reversing_log(None, n=6000)).record.motion_passed == 1.0
 
 
 def test_smoothing_keeps_what_is_slow_and_takes_what_is_fast():
@@ -77,7 +78,7 @@ def rippling_speed(size_rad, n=12_000):
     return trace_of(time, tacho, np.floor(angle / step) * step, torque), acceleration
 
 
-@pytest.mark.parametrize("size_rad", [1.5e-3, 3e-3])
+@pytest.mark.parametrize("size_rad", [pytest.param(1.5e-3, marks=pytest.mark.campaign), 3e-3])
 def test_the_torque_of_a_speed_that_ripples_is_expected(size_rad):
     trace, acceleration = rippling_speed(size_rad)
     no_mask = np.zeros(len(acceleration), dtype=bool)
