@@ -8,6 +8,7 @@ import pytest
 from discovery_records import NOISE_NM, fitted, swinging
 
 from hdbench.diagnosis.discovery import form, naming, refine
+from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_rows
 from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
@@ -296,7 +297,8 @@ def test_slow_noise_does_not_push_out_causes_that_say_more(monkeypatch):
         walk = np.cumsum(np.random.default_rng(4).standard_normal(len(time)))
         return 0.3 * np.tanh(speed / 2.0) + 0.001 * walk
 
-    fit = fitted(swinging(6000, friction_and_walk, mean=0.0))
+    # steep noise passes for a low-pass
+    fit = start_fit(swinging(6000, friction_and_walk, mean=0.0))
     causes = catalogue()
     part = fit.add_term(Term(causes["coulomb-friction"], {"transition_rad_s": 2.0}))
     fit.parts[part].cost_nats = 6.0
