@@ -251,6 +251,14 @@ def test_a_session_that_hangs_stops_the_motor_and_starves_the_watchdog():
     control.halt()
 
 
+def test_a_turn_that_comes_late_is_no_control():
+    control, _ = running(FakeDaq(clock=RealClock()))
+    assert control.halt()
+    control._check_session(control._seen_s, 0.19)
+    with pytest.raises(DeviceError, match=r"came 0.21 s late; allowed 0.2 s"):
+        control._check_session(control._seen_s, 0.21)
+
+
 def test_a_device_that_refuses_a_write_ends_the_thread_with_its_error():
     daq = FakeDaq(clock=RealClock())
     daq.refuse = "output broken"

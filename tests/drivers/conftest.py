@@ -7,4 +7,4 @@ TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(TESTS / "devices"), str(TESTS.parent / "tools")]
 
 from forked import warm_emulators  # noqa: E402, F401
-from leftovers import nothing_stays_open  # noqa: E402, F401
+from leftovers import nothing_stays_open, patient_control  # noqa: E402, F401

@@ -102,6 +102,7 @@ def test_a_plan_that_is_too_fast_is_refused_before_anything_is_opened(name):
     check_pace(load_profile(name).data, 0.2, "a calibration")
 
 
+@pytest.mark.usefixtures("patient_control")
 def test_a_composite_moves_the_motor_and_stops_it():
     profile = load_profile("di-2108-ek9000")
     wave = ReferenceWave(wave="constant", amplitude_v=1.0)

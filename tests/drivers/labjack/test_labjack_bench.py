@@ -46,6 +46,7 @@ def test_with_the_same_seed_the_t7_and_the_node_measure_the_same_bench():
     assert np.array_equal(t7["encoder_count"], node["encoder_count"])
 
 
+@pytest.mark.usefixtures("patient_control")
 def test_a_motion_runs_from_reference_to_standstill(tmp_path):
     record = tmp_path / "record.jsonl"
     wave = ReferenceWave(wave="sine", amplitude_v=1.0, frequency_hz=0.5)

@@ -49,6 +49,7 @@ def agree(one: dict, other: dict) -> None:
     assert abs(one["value"] - other["value"]) < 5.0 * common
 
 
+@pytest.mark.usefixtures("patient_control")
 @pytest.mark.parametrize("kind", ["calibration", "misalignment", "ripple"])
 def test_an_experiment_runs_unchanged_and_agrees_with_the_nodes(kind, tmp_path):
     t7 = measured(kind, "labjack-t7", tmp_path / "t7")
