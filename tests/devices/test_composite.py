@@ -162,10 +162,13 @@ enable_line = 4
 """
 
 
+@pytest.mark.usefixtures("patient_control")
 def test_two_emulated_devices_are_one_bench():
     """The tacho follows the reference beside it by the lag of the servo, 1 / (2 pi 15 Hz)."""
-    wave = ReferenceWave(wave="sine", amplitude_v=1.0, frequency_hz=1.0)
-    with open_bench(_profile(EMBEDDED), seed=1, realtime=True) as bench:
+    # so slow that a value which a busy machine writes late is little off
+    hertz = 0.5
+    wave = ReferenceWave(wave="sine", amplitude_v=1.0, frequency_hz=hertz)
+    with open_bench(_profile(EMBEDDED), seed=1) as bench:
         assert bench.identity().model == "T7 + T7"
         bench.configure(AcquisitionSettings(1e-3, 2500, wave))
         bench.start()
@@ -175,17 +178,19 @@ def test_two_emulated_devices_are_one_bench():
         assert bench.safe_state().confirmed
     assert sum(block.lost_before for block in blocks) == 0
     time_s = 1e-3 * np.arange(500, 2500)
-    tones = np.column_stack([np.sin(2 * np.pi * time_s), np.cos(2 * np.pi * time_s)])
+    angle = 2 * np.pi * hertz * time_s
+    tones = np.column_stack([np.sin(angle), np.cos(angle)])
     fits = {
         name: np.linalg.lstsq(
             tones, np.concatenate([getattr(b, name) for b in blocks])[500:2500], rcond=None
         )[0]
         for name in ("reference_v", "tacho_v")
     }
-    phase = {name: np.arctan2(fit[1], fit[0]) / (2 * np.pi) for name, fit in fits.items()}
+    phase = {name: np.arctan2(fit[1], fit[0]) for name, fit in fits.items()}
     assert np.hypot(*fits["reference_v"]) == pytest.approx(1.0, abs=0.05)
-    lag_s = phase["reference_v"] - phase["tacho_v"]
-    assert lag_s == pytest.approx(1 / (2 * np.pi * 15.0), abs=0.005 + doubt_s)
+    lag_s = (phase["reference_v"] - phase["tacho_v"]) / (2 * np.pi * hertz)
+    # the emulator is four times as fast as its clock says: so is the doubt of the samples' times
+    assert lag_s == pytest.approx(1 / (2 * np.pi * 15.0), abs=0.005 + 4 * doubt_s)
     assert 0.0 < doubt_s < 0.1
 
 

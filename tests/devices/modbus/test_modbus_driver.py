@@ -175,7 +175,8 @@ def test_a_reading_that_the_device_calls_invalid_is_lost_not_delivered(extra, va
         cells = found.device.memory._cells
         cell = cells[("holding", 20 if "status" in extra else 10)]
         good, cell.on_read = cell.on_read, lambda: value
-        daq.configure(settings(8))
+        # a busy machine may hold the reading up for half a second
+        daq.configure(settings(30))
         daq.start()
         for _ in range(40):
             assert daq.read_block() is None
@@ -183,7 +184,7 @@ def test_a_reading_that_the_device_calls_invalid_is_lost_not_delivered(extra, va
                 break
         cell.on_read = good
         blocks = read_all(daq)
-    assert sum(len(b) + b.lost_before for b in blocks) == 8
+    assert sum(len(b) + b.lost_before for b in blocks) == 30
     assert sum(b.lost_before for b in blocks) >= 3
     assert all(abs(b.values).max() < 32.0 for b in blocks if len(b))
 
