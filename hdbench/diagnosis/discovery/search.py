@@ -338,8 +338,7 @@ class Search:
     def _judged(self, entry: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
         """Return an entry with the chance of its gain in likelihood where that is smaller."""
         first = entry[0]
-        place = is_line(first.term.cause) or "step_time_s" in first.term.shape
-        if place or first.gain_nats < _PLAIN_NATS:
+        if _has_place(first.term) or first.gain_nats < _PLAIN_NATS:
             # tails fall like exp(-T / 2), and T is so many times too large
             louder = first.false_alarm ** (1.0 / first.loud)
             return tuple(replace(c, false_alarm=louder) for c in entry)
@@ -480,18 +479,22 @@ class Search:
         self.fit = reshaped(self.fit, self.fit.causes())
         return value_of(self.fit) > before + _LEAST_NATS
 
-    def prune(self, needed: float = _LEAST_NATS, most: int = 1) -> None:
-        """Drop causes that the others, or another noise, made needless."""
+    def prune(self, needed: float = _LEAST_NATS, most: int = 1, named: float = 0.0) -> None:
+        """Drop causes that the others, or another noise, made needless.
+
+        `named` is what a name costs beyond that; a line or a step has paid for its place.
+        """
         fit = self.fit
         while len(fit.causes()) > most:
             worst, least = None, needed
             impossible = impossible_parts(fit)
             for part in fit.causes():
                 gone = part in impossible or self._merged(part)
-                value = -np.inf if gone else self.evidence_of(part)
+                cost = 0.0 if _has_place(fit.term(part)) else named
+                value = -np.inf if gone else self.evidence_of(part) - cost
                 if value < least and not gone:
                     # a name has its form error with it, which its evidence alone leaves out
-                    value = max(value, self.lost_without(part))
+                    value = max(value, self.lost_without(part) - cost)
                 if value < least:
                     worst, least = part, value
             if worst is None:
@@ -507,8 +510,8 @@ class Search:
         """Return what a fit loses without a cause, beyond what the cause costs, nats."""
         fit = self.fit
         without = fit.without(part)
-        lesser = value_of(best_formed(without, len(without.parts)))
-        return value_of(fit) - lesser - fit.parts[part].cost_nats
+        lost = value_of(fit) - value_of(best_formed(without, len(without.parts)))
+        return lost / loudness_of(fit, [part]) - fit.parts[part].cost_nats
 
     def _merged(self, part: int) -> bool:
         """Return whether a line has moved into the cell of a larger one, whose form it is now."""
@@ -597,8 +600,11 @@ class Search:
 
     def go_on(
         self, report: Callable[[str, float], None] | None = None, plain: Sequence[Fit] = ()
-    ) -> Fit | None:
-        """Search until nothing passes; return a fit of `plain` that became as good, or None."""
+    ) -> tuple[int, Fit] | None:
+        """Search until nothing passes, or one of `plain` is as good with the same causes.
+
+        Returns which one, with the causes; None where none is.
+        """
         small = 0
         for count in range(_MOST_ROUNDS):
             if report is not None:
@@ -626,9 +632,10 @@ class Search:
             self.retime()
             attach_forms(self.fit, idle=True)
             self.prune()
-            for one in plain:
-                if _as_good(one, self.fit):
-                    return one
+            for place, one in enumerate(plain):
+                same = _with_causes(one, self.fit)
+                if value_of(same) > value_of(self.fit) - LOW_PASS_PRICE:
+                    return place, same
         return None
 
     def _change_forms(self, form: FormMove | None, least: float) -> None:
@@ -670,6 +677,11 @@ def _light(found: Candidate) -> Candidate:
 def _unjoined(entry: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
     """Return an entry without the fits that were made with it."""
     return tuple(replace(c, joined=None) if c.joined else c for c in entry)
+
+
+def _has_place(term: Term) -> bool:
+    """Return whether a term is a line or a step, which costs what was tried to find its place."""
+    return is_line(term.cause) or "step_time_s" in term.shape
 
 
 def _needed(entry: tuple[Candidate, ...]) -> float:
@@ -792,23 +804,17 @@ def search(
     report = progress or (lambda what, share: None)
     fit = start_fit(record, known)
     plain = [] if fit.record.low_pass is None else [start_fit(record.behind(None), known)]
-    state = search_from(fit, plain, causes, known, alpha, rng, report, least_share)
-    if isinstance(state, Search):
-        return state
-    return search(
-        record.behind(None),
-        causes,
-        known,
-        alpha=alpha,
-        rng=rng,
-        progress=progress,
-        least_share=least_share,
-    )
+    keys = (causes, known, alpha, rng, report, least_share)
+    found = search_from(fit, plain, *keys)
+    while not isinstance(found, Search):
+        found = search_from(plain[0], (), *keys, found[1])
+    return found
 
 
-def _as_good(fit: Fit, other: Fit) -> bool:
-    """Return whether a fit with the causes of another one needs no low-pass."""
-    fit = joined(fit, [other.term(part) for part in other.causes()])
+def _with_causes(fit: Fit, other: Fit) -> Fit:
+    """Return a fit with the causes and the form errors of another one."""
+    causes = other.causes()
+    fit = joined(fit, [other.term(part) for part in causes])
     renew(fit)
     # a filter that runs once delays the torque, too
     fit = best_delay(fit).fit
@@ -816,7 +822,10 @@ def _as_good(fit: Fit, other: Fit) -> bool:
     for part in fit.parts:
         part.form_scale = scales.get(part.name, 0.0)
     fit.settle(3)
-    return value_of(fit) > value_of(other) - LOW_PASS_PRICE
+    for own, its in zip(fit.causes(), causes, strict=True):
+        new, old = fit.parts[own], other.parts[its]
+        new.false_alarm, new.trials, new.cost_nats = old.false_alarm, old.trials, old.cost_nats
+    return fit
 
 
 def search_from(
@@ -828,11 +837,12 @@ def search_from(
     rng: np.random.Generator,
     report: Callable[[str, float], None],
     least_share: float,
-) -> Search | Fit:
-    """Return the search from a fit of the baseline.
+    start: Fit | None = None,
+) -> Search | tuple[int, Fit]:
+    """Return the search from a fit of the baseline, or from `start` with causes beyond it.
 
     `plain` are the same fits with one torque channel each that has no low-pass. Where one becomes
-    as good, that one is returned.
+    as good with the same causes, its place and the fit with them are returned.
     """
     record = on_simulated(fit).record
     plain = [on_simulated(one) for one in plain]
@@ -856,4 +866,5 @@ def search_from(
     state.first_power = float(fit.bands.power(fit.residual).sum())
     state.least_share = least_share
     state.first = {scan.domain: scan_power(fit, scan)[1] for scan in state.scans}
+    state.fit = start or fit
     return state.go_on(report, plain) or state

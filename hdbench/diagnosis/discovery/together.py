@@ -75,33 +75,27 @@ def search_together(
     least_share: float,
 ) -> Search:
     """Return what several records of one drive hold beyond the baseline of each."""
-    fits = [start_fit(record) for record in records]
-    fit = stack_fits(fits)
+    fits, start = [start_fit(record) for record in records], None
     every = (*causes.values(), TONE_LINE, OUTPUT_LINE)
-    stacked = stacked_causes(every, len(records), referenced=fit.record.referenced)
+    referenced = stack_fits(fits).record.referenced
+    stacked = stacked_causes(every, len(records), referenced=referenced)
     held = tuple(Term(stacked[term.name], term.shape, known=True) for term in known)
-    low = [at for at, one in enumerate(fits) if one.record.low_pass is not None]
-    plain = [
-        stack_fits([*fits[:at], start_fit(records[at].behind(None)), *fits[at + 1 :]]) for at in low
-    ]
-    for one in (fit, *plain):
-        for term in held:
-            one.add_term(term)
-        one.settle(4)
-    found = search_from(fit, plain, stacked, held, alpha, rng, progress, least_share)
-    if isinstance(found, Search):
-        return found
-    needless = next(at for at, one in zip(low, plain, strict=True) if one is found)
-    again = [one.behind(None) if at == needless else one for at, one in enumerate(records)]
-    return search_together(
-        again,
-        causes,
-        known,
-        alpha=alpha,
-        rng=rng,
-        progress=progress,
-        least_share=least_share,
-    )
+    while True:
+        low = [at for at, one in enumerate(fits) if one.record.low_pass is not None]
+        open_ = {at: start_fit(records[at].behind(None)) for at in low}
+        fit, *plain = (
+            stack_fits([open_[at] if at == one else fit for at, fit in enumerate(fits)])
+            for one in (None, *low)
+        )
+        for one in (fit, *plain):
+            for term in held:
+                one.add_term(term)
+            one.settle(4)
+        found = search_from(fit, plain, stacked, held, alpha, rng, progress, least_share, start)
+        if isinstance(found, Search):
+            return found
+        place, start = found
+        fits[low[place]] = open_[low[place]]
 
 
 def piece_searches(search: Search) -> list[tuple[Search, list[int]]]:
