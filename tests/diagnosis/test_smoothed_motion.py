@@ -11,7 +11,7 @@ from hdbench.diagnosis import diagnose_trace
 from hdbench.diagnosis.discovery.acceleration import accelerations
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import fixed_of
-from hdbench.diagnosis.discovery.record import on_clock, prepare_record
+from hdbench.diagnosis.discovery.record import on_clock, prepare_record, times_by_shaft
 from hdbench.diagnosis.dynamic import make_ready, make_task
 from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile import load_profile
@@ -111,6 +111,34 @@ def test_a_motion_that_the_torque_does_not_have_is_not_expected():
     fast, slow = hertz > 60.0, hertz < 20.0
     assert found[fast].sum() < 1e-3 * whole[fast].sum()
     assert missed[slow].sum() < 1e-3 * whole[slow].sum()
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1, 0.3])
+def test_a_clock_that_jitters_beneath_even_stamps_is_told_by_the_shaft(jitter):
+    rng, n = np.random.default_rng(6), 20_000
+    steps = 1e-3 * np.exp(jitter * rng.standard_normal(n - 1))
+    taken = np.concatenate([[0.0], np.cumsum(steps)])
+    taken *= 1e-3 * (n - 1) / taken[-1]
+    # 0 to 160 rad/s and back every 4 s, in closed form; a tacho and an encoder of 4000 counts
+    speed = 80.0 * (1.0 - np.cos(0.5 * np.pi * taken))
+    angle = 80.0 * (taken - 2.0 / np.pi * np.sin(0.5 * np.pi * taken))
+    acceleration = 40.0 * np.pi * np.sin(0.5 * np.pi * taken)
+    torque = 1.725e-4 * acceleration + 0.02 * rng.standard_normal(n)
+    count = 2.0 * np.pi / 4000.0
+    tacho = np.round(speed + 0.05 * rng.standard_normal(n), 2)
+    trace = trace_of(1e-3 * np.arange(n), tacho, np.floor(angle / count) * count, torque)
+    motion = motion_from_trace(trace, PROFILE.data)
+    times, told = times_by_shaft(motion)
+    assert told == pytest.approx(np.std(steps / steps.mean()), abs=0.02)
+    # counting hides a step to half a count over the speed; at rest the stamps are all there is
+    fast = speed[1:] > 40.0
+    left = np.diff(times) - steps * 1e-3 * (n - 1) / steps.sum()
+    assert left[fast].std() < 0.35 * count / 40.0 + 1e-9
+    record = prepare_record(
+        trace, PROFILE.data, BenchModel.from_profile(PROFILE.data), ~motion.valid
+    )
+    assert record.clock_jitter == pytest.approx(told, abs=0.02)
+    np.testing.assert_array_equal(record.motion.time_s, trace.time_s)
 
 
 def test_the_motion_of_lost_samples_is_interpolated_and_takes_no_part():

@@ -219,6 +219,7 @@ def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
         "torque_bandwidth_hz": None if not np.isfinite(_bandwidth(fit)) else _bandwidth(fit),
         "torque_low_pass": _low_pass(fit),
         "motion_known_hz": fit.record.motion_passed * 0.5 / fit.record.period_s,
+        "clock_jitter": fit.record.clock_jitter,
         "load_coefficient": fit.record.load,
         "samples_used": int(fit.record.valid.sum()),
         "form_errors": form_errors(fit),

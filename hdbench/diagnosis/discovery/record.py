@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,11 @@ _LEAST_POWER = 0.5
 _KEPT = 1e8
 # share of the power of the angle that is the motion itself
 _MOST_OF_ANGLE = 0.99
+# a sample is at least this share of a step after the one before: one that was held has no time
+_LEAST_STEP = 0.05
+# rounds in which the scatter of a shaft's steps is told from that of its channels, and the share of
+# either that a round leaves at least
+_ROUNDS, _QUIETEST = 4, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +74,8 @@ class Record:
         Low-pass of the torque channel; None for none.
     channel_known : bool
         Whether `low_pass` was found already.
+    clock_jitter : float
+        Scatter of the time between samples that the shaft tells; 0 where the stamps are used.
     late_s : float
         Time by which the torque was read after the motion, s.
     late_known : bool
@@ -94,6 +102,7 @@ class Record:
     period_s: float
     load: float
     motion_passed: float = 1.0
+    clock_jitter: float = 0.0
     low_pass: LowPass | None = None
     channel_known: bool = False
     late_s: float = 0.0
@@ -203,9 +212,10 @@ def prepare_record(
     correction has a prior of three times the model's amplitude.
 
     An angle that is integrated from the velocity by the contract's rule lies half a sample behind
-    the shaft wherever the speed changes, and a velocity channel may be smoothed or late. Where the
-    baseline fits better with the half sample put back, the acceleration by the measured angle, or
-    none of it beyond 50 Hz, that is used.
+    the shaft wherever the speed changes, a velocity channel may be smoothed or late, and a logger
+    may stamp evenly what it sampled unevenly. Where the baseline fits better with the half sample
+    put back, the acceleration by the measured angle, none of it beyond 50 Hz, or the time between
+    samples by what the shaft turned, that is used.
     """
     torque = torque_from_trace(trace, profile)
     change = change or BaselineChange()
@@ -213,10 +223,15 @@ def prepare_record(
     period = float(np.median(np.diff(motion.time_s)))
     usable = motion.valid & np.isfinite(torque) & ~masked
     passed = _passed(motion.velocity_rad_s, torque, usable, period)
-    motions = _motions(motion)
+    motions = [(one, 0.0) for one in _motions(motion)]
     if "expected-torque" not in change.without and passed == 1.0:
-        motions = tuple(found for one in motions for found in accelerations(one, period))
-    motion = min(motions, key=lambda one: _left_power(one, profile, torque, masked))
+        clocks = ((motion.time_s, 0.0), times_by_shaft(motion))
+        motions = [
+            (replace(found, time_s=motion.time_s), jitter)
+            for (one, _), (time, jitter) in product(motions, clocks)
+            for found in accelerations(replace(one, time_s=time), period)
+        ]
+    motion, jitter = min(motions, key=lambda one: _left_power(one[0], profile, torque, masked))
     load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
     whole_turn = "misalignment:cosine" in names
@@ -247,6 +262,7 @@ def prepare_record(
         period,
         load,
         motion_passed=passed,
+        clock_jitter=jitter,
     )
 
 
@@ -355,6 +371,37 @@ def _load_share(
     both = np.column_stack([(torque - fixed)[usable], load])
     left = both - design @ np.linalg.lstsq(design, both, rcond=None)[0]
     return min((1.0, 0.0, -1.0), key=lambda x: float(np.sum((left[:, 0] - x * left[:, 1]) ** 2)))
+
+
+def times_by_shaft(motion: Motion) -> tuple[FloatArray, float]:
+    """Return when samples were taken by what the shaft turned between them, s.
+
+    And the scatter of the steps between them relative to those of the stamps.
+
+    Between two samples the angle moves by the speed times the time: what of the difference grows
+    with the speed is no noise of either channel, but time that the stamps do not show.
+    """
+    from scipy.optimize import nnls
+
+    steps, velocity = np.diff(motion.time_s), motion.velocity_rad_s
+    moves, turned = np.diff(motion.angle_rad), 0.5 * (velocity[1:] + velocity[:-1]) * steps
+    good = np.isfinite(moves + turned)
+    if not np.any(turned[good]):
+        return motion.time_s, 0.0
+    moves, turned = np.where(good, moves, 0.0), np.where(good, turned, 0.0)
+    turned = turned * float(moves @ turned) / max(float(turned @ turned), 1e-300)
+    left, speed = moves - turned, turned**2
+    # both amounts of the scatter weighted by what they make together, from equal shares on
+    amounts = np.mean(left[good] ** 2) * np.array([0.5, 0.5 / max(speed[good].mean(), 1e-300)])
+    for _ in range(_ROUNDS):
+        scatter = amounts[0] + amounts[1] * speed[good]
+        design = np.column_stack([np.ones(len(scatter)), speed[good]]) / scatter[:, None]
+        amounts = nnls(design, left[good] ** 2 / scatter)[0] + _QUIETEST * amounts
+    noise, jitter = amounts
+    told = 1.0 + jitter * turned * left / (jitter * speed + noise)
+    told = np.maximum(told, _LEAST_STEP)
+    ticks = motion.time_s[0] + np.concatenate([[0.0], np.cumsum(steps * told)])
+    return ticks, float(np.std(told))
 
 
 def _motions(motion: Motion) -> tuple[Motion, ...]:

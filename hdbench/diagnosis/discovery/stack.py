@@ -351,6 +351,7 @@ def stack_fits(fits: Sequence[Fit]) -> Fit:
         float(np.median([one.period_s for one in records])),
         records[0].load,
         motion_passed=min(one.motion_passed for one in records),
+        clock_jitter=max(one.clock_jitter for one in records),
         channel_known=True,
         records=tuple(records),
         referenced=_one_reference(fits),
