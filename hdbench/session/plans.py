@@ -12,9 +12,15 @@ import numpy as np
 
 from hdbench.devices.bench import Operator
 from hdbench.devices.feasibility import check_drives, check_pace, check_tables
-from hdbench.diagnosis.planning.limits import check_motion_plan
 from hdbench.diagnosis.planning.planfile import plan_to_dict
-from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, plan_stages, program_of
+from hdbench.diagnosis.planning.segments import (
+    LoadStep,
+    MotionPlan,
+    Stage,
+    check_motion_plan,
+    plan_stages,
+    program_of,
+)
 from hdbench.errors import UsageError
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.profile.waves import ReferenceProgram, reference_values
