@@ -61,6 +61,8 @@ _SPECTRUM_POINTS = 2000
 # more shapes that fall fit the scatter to some ten nats; single lines so many standard deviations
 # beyond normal noise are no noise
 _STEEPER_NATS, _FREE_NATS, _UNSTEADY = 3.0, 10.0, 5.0
+# pieces of a record disagree about what a cause saves by so many standard deviations by chance
+_BY_CHANCE = 2.0
 # humps that hold less than this share of what is left are no rest
 _HUMP_SHARE = 0.1
 
@@ -177,7 +179,7 @@ def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Na
         idle = [
             part
             for part, x in without.items()
-            if x.chi2 <= whole.chi2 or x.rms_nm <= whole.rms_nm or not is_within(fit, part)
+            if x.chi2 <= whole.chi2 or _spoils(whole, x) or not is_within(fit, part)
         ]
         if not idle:
             break
@@ -189,6 +191,15 @@ def predicting(search: Search, named: Mapping[int, Named]) -> tuple[dict[int, Na
     search.fit = fit.without(*gone)
     kept = [part for part in range(len(fit.parts)) if part not in gone]
     return {at: named[old] for at, old in enumerate(kept) if old in named}, hold_out(search.fit)
+
+
+def _spoils(whole: Prediction, without: Prediction) -> bool:
+    """Return whether a prediction in N m is worse than without a cause, by more than chance.
+
+    Noise that is no white one weighs there as it is: a small line beside it saves by chance.
+    """
+    saved = without.squares - whole.squares
+    return float(saved.sum()) < -_BY_CHANCE * float(np.sqrt(saved @ saved))
 
 
 def predicting_delay(search: Search) -> None:
