@@ -16,7 +16,7 @@ from hdbench.diagnosis.discovery.refine import candidate_of
 from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import (
     Term,
-    is_line,
+    free_shapes,
     moved_term,
     smooth_shapes,
     tangent_columns,
@@ -38,8 +38,8 @@ _LEAST_WAY_RAD = 1e-5
 _POSSIBLE_STDS = 2.0
 # nor one of so many times the torque
 _LARGEST = 2.0
-# a change of form errors that gains less is none, nats
-_LEAST_NATS = 1.0
+# a cause, or a change of form errors, that has less evidence than this is none, nats
+LEAST_NATS = 1.0
 
 
 def value_of(fit: Fit) -> float:
@@ -113,10 +113,8 @@ def _ahead(fit: Fit, parts: Sequence[int]) -> Fit | None:
     slopes: list[tuple[int, str, float]] = []
     for part in parts:
         term = fit.term(part)
-        names = smooth_shapes(term)
-        # lobes, poles and teeth repeat a whole number of times in a turn
-        whole = term.shape.get("order", 0.5) % 1.0 == 0.0 and is_line(term.cause)
-        if names and not whole:
+        names = free_shapes(term)
+        if names:
             own, scale = scaled_rows(fit.bands, tangent_columns(term, fit.linear(part), fit.record))
             rows.append(own)
             slopes += [(part, name, size) for name, size in zip(names, scale.tolist(), strict=True)]
@@ -179,7 +177,7 @@ def best_formed(fit: Fit, last: int) -> Fit:
     laws = [part for part in places if usual_scale(fit.parts[part]) > 0.0]
     for _ in laws:
         move = best_form_move(fit, laws)
-        if move is None or move.gain_nats < _LEAST_NATS:
+        if move is None or move.gain_nats < LEAST_NATS:
             break
         for part, scale in move.scales.items():
             fit.parts[part].form_scale = scale
@@ -287,5 +285,5 @@ def renew(fit: Fit) -> None:
             if fit.term(part).cause.whole_signal:
                 fit.reshape(part, fit.term(part))
                 fit.settle(1)
-        if fit.likelihood < before + _LEAST_NATS:
+        if fit.likelihood < before + LEAST_NATS:
             return

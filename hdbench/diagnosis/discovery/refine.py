@@ -18,6 +18,7 @@ from hdbench.diagnosis.discovery.term import (
     WIDE,
     Term,
     follows_motion,
+    free_shapes,
     harmonics,
     is_line,
     is_whole_share,
@@ -188,10 +189,8 @@ def _within(
 def refined(beside: Beside, record: Record, start: Candidate) -> Candidate:
     """Return a candidate with its shape at the nearest maximum of the likelihood."""
     best = start
-    names = smooth_shapes(best.term)
-    # lobes, poles and teeth repeat a whole number of times in a turn
-    whole = best.term.shape.get("order", 0.5) % 1.0 == 0.0 and is_line(best.term.cause)
-    if not names or whole:
+    names = free_shapes(best.term)
+    if not names:
         return best
     if is_whole_share(best.term.cause) and best.statistic <= 0.0:
         best = of_right_size(beside, record, best)

@@ -18,6 +18,7 @@ from hdbench.diagnosis.discovery.form import (
     form_cost,
 )
 from hdbench.diagnosis.discovery.joint import (
+    LEAST_NATS,
     all_possible,
     best_formed,
     best_joined,
@@ -91,8 +92,6 @@ SECOND_PRICE = 4.0
 _FORM_MOVES = 12
 # entries of a round that are fitted with their form errors
 _JOINED = 3
-# a cause that has less evidence than this beside the others is dropped
-_LEAST_NATS = 1.0
 
 
 @dataclass(slots=True)
@@ -377,7 +376,7 @@ class Search:
         tried = solve(fit.moments(), rising, start, rounds=4, anew=True, reference=fit.spectrum)
         price = SLOW_PRICE * max(1, len(fit.record.records))
         gain = tried.likelihood - base - price
-        if gain < max(evidence, 0.0) or gain < self._table_nats():
+        if gain < max(evidence, RIVAL_NATS) or gain < self._table_nats():
             return False
         self.log.append(f"slow noise E={gain:.0f}")
         before, dropped = fit.copy(), dict(self.dropped)
@@ -404,7 +403,7 @@ class Search:
             return False
         found = best_delay(self.fit)
         chance = found.false_alarm * self.names.all_trials
-        if found.evidence_nats < max(evidence, _LEAST_NATS) or chance > self.alpha * SHARES["name"]:
+        if found.evidence_nats < max(evidence, LEAST_NATS) or chance > self.alpha * SHARES["name"]:
             return False
         self.fit = found.fit
         self.fit.settle(2)
@@ -416,7 +415,7 @@ class Search:
         if self.fit.record.late_s == 0.0:
             return
         found = best_delay(self.fit)
-        needed = self.fit.record.late_known or found.evidence_nats > _LEAST_NATS
+        needed = self.fit.record.late_known or found.evidence_nats > LEAST_NATS
         self.fit = found.fit if needed else self.fit.retimed(0.0, 3)
 
     def accept(self, entry: tuple[Candidate, ...]) -> None:
@@ -477,9 +476,9 @@ class Search:
         """
         before = value_of(self.fit)
         self.fit = reshaped(self.fit, self.fit.causes())
-        return value_of(self.fit) > before + _LEAST_NATS
+        return value_of(self.fit) > before + LEAST_NATS
 
-    def prune(self, needed: float = _LEAST_NATS, most: int = 1, named: float = 0.0) -> None:
+    def prune(self, needed: float = LEAST_NATS, most: int = 1, named: float = 0.0) -> None:
         """Drop causes that the others, or another noise, made needless.
 
         `named` is what a name costs beyond that; a line or a step has paid for its place.
@@ -614,7 +613,7 @@ class Search:
             most = max(self.most_nats, form.gain_nats if form else 0.0)
             if self.accept_slow(most) or self.accept_delay(most):
                 continue
-            least = max(_turn(found), _LEAST_NATS)
+            least = max(_turn(found), LEAST_NATS)
             if form is not None and form.gain_nats > least:
                 self._change_forms(form, least)
             elif found:
@@ -685,8 +684,13 @@ def _has_place(term: Term) -> bool:
 
 
 def _needed(entry: tuple[Candidate, ...]) -> float:
-    """Return the evidence that an entry must have, nats: a table has no name to speak for it."""
-    return RIVAL_NATS if is_table(entry[0].term.cause) else _LEAST_NATS
+    """Return the evidence that an entry must have, nats: odds of 20 to 1, and what its name costs.
+
+    A table has no name, and a line or a step has paid for its place.
+    """
+    first = entry[0].term
+    placed = _has_place(first) or is_table(first.cause)
+    return RIVAL_NATS + (0.0 if placed else SECOND_PRICE)
 
 
 def _place_of(part: Part, key: str) -> float | None:

@@ -101,6 +101,15 @@ def smooth_shapes(term: Term) -> tuple[str, ...]:
     return tuple(p.name for p in term.cause.shape if p.name != "step_time_s")
 
 
+def free_shapes(term: Term) -> tuple[str, ...]:
+    """Return the shape parameters that a search moves along their slopes.
+
+    Lobes, poles and teeth repeat a whole number of times in a turn: such an order stays.
+    """
+    whole = is_line(term.cause) and term.shape.get("order", 0.5) % 1.0 == 0.0
+    return () if whole else smooth_shapes(term)
+
+
 def tangent_columns(term: Term, linear: FloatArray, record: Record) -> FloatArray:
     """Return the slope of a term's torque over each smooth shape, N m per unit, (n, n_smooth)."""
     torque = term_columns(term, record) @ linear
