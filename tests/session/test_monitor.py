@@ -19,8 +19,8 @@ from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Observation, observe
+from hdbench.session.recorder import Frame
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Frame
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
