@@ -864,7 +864,7 @@ def search_from(
     state.fit = start or fit
     found = state.go_on(report, plain)
     for place, one in enumerate(plain if found is None else ()):
-        # a low-pass that nothing was found beside may itself be what a cause does to the torque
+        # a low-pass may be what a cause does to the torque: then that cause is not found beside it
         other = _begun(one, *shared)
         entry = other.round()
         if entry:
