@@ -123,7 +123,6 @@ def fit_noise(
     *,
     starts: NDArray[np.bool_] | None = None,
     max_order: int = MAX_AR_ORDER,
-    keep_lines: bool = True,
 ) -> NoiseModel:
     """Fit an autoregression to a residual; the order is chosen by BIC.
 
@@ -137,9 +136,6 @@ def fit_noise(
         Where a new stretch begins, see `run_positions`.
     max_order : int
         Highest order tried, at least 0.
-    keep_lines : bool
-        Take sinusoids above six standard deviations out before the fit, so that the noise model
-        does not swallow what an analysis is looking for.
 
     Returns
     -------
@@ -152,23 +148,23 @@ def fit_noise(
 
     Notes
     -----
-    Burg's recursion over every run of valid samples at once gives all orders; BIC is
-    ``n ln(std_p^2) + p ln(n)``. Cost O(n max_order).
+    Sinusoids above six standard deviations are taken out first, so that the noise model does not
+    swallow what an analysis is looking for. Burg's recursion over every run of valid samples at
+    once gives all orders; BIC is ``n ln(std_p^2) + p ln(n)``. Cost O(n max_order).
 
     References
     ----------
     .. [1] J. P. Burg, Maximum entropy spectral analysis, 37th meeting of the SEG, 1967.
     .. [2] G. Schwarz, Ann. Statist. 6 (1978) 461, doi:10.1214/aos/1176344136.
     """
+    from hdbench.estimation.harmonics import without_lines
+
     usable = np.isfinite(residual) if valid is None else valid & np.isfinite(residual)
     n_usable = int(usable.sum())
     clean = np.where(usable, residual, 0.0)
     if not (n_usable >= 4 and np.any(clean)):
         raise ValueError(f"a noise model needs 4 samples that are not all zero, found {n_usable}")
-    if keep_lines:
-        from hdbench.estimation.harmonics import without_lines
-
-        clean = without_lines(clean, usable)
+    clean = without_lines(clean, usable)
     position = run_positions(usable, starts)
     # one parameter per ten samples at most, so that short records do not fit their own noise
     highest = max(0, min(max_order, n_usable // 10))

@@ -24,6 +24,6 @@ def smooth(
     samples: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None],
     expected: FloatArray,
     mean: FloatArray,
-    covariance: FloatArray | None,
+    covariance: FloatArray,
     /,
 ) -> int: ...

@@ -312,7 +312,7 @@ def smooth(
     samples: Samples,
     expected: FloatArray,
     mean: FloatArray,
-    covariance: FloatArray | None,
+    covariance: FloatArray,
 ) -> int:
     """Smooth a trace: forwards keeping every prediction, then backwards."""
     time, velocity, torque, angle = samples
@@ -335,9 +335,7 @@ def smooth(
         innovation, variance, _ = own.sample(seen[k], value)
         records.append((z, p, innovation if own.used > used else math.nan, variance))
     first = time.size - len(records)
-    mean[:first] = math.nan
-    if covariance is not None:
-        covariance[:first] = math.nan
+    mean[:first] = covariance[:first] = math.nan
     size = 2 * len(own.rows)
     vector, matrix = np.zeros(size), np.zeros((size, size))
     for k in range(time.size - 1, first - 1, -1):
@@ -356,10 +354,9 @@ def smooth(
             matrix = matrix - np.outer(c, pull) - np.outer(pull, c)
             matrix += np.outer(c, c) * (gain @ pull + 1.0 / variance)
         mean[k] = (axes @ (z + p @ vector)).reshape(-1, 2)
-        if covariance is not None:
-            whole = axes @ (p - p @ matrix @ p) @ axes.T
-            corners = (np.diag(whole)[::2], np.diag(whole, 1)[::2], np.diag(whole)[1::2])
-            covariance[k] = np.stack(corners, axis=1)
+        whole = axes @ (p - p @ matrix @ p) @ axes.T
+        corners = (np.diag(whole)[::2], np.diag(whole, 1)[::2], np.diag(whole)[1::2])
+        covariance[k] = np.stack(corners, axis=1)
         vector = f.T @ vector
         matrix = f.T @ matrix @ f
     return -1

@@ -104,11 +104,11 @@ class SmoothResult:
 
     `mean` has shape (n, n_blocks, 2): an oscillator's torque A cos(psi) and -A sin(psi), N m; a
     slow torque and its slope (0 for kinds of one state). `covariance` is (p11, p12, p22) of each
-    block, (N m)^2, or None.
+    block, (N m)^2.
     """
 
     mean: FloatArray
-    covariance: FloatArray | None
+    covariance: FloatArray
     torque_expected_nm: FloatArray
 
 
@@ -322,7 +322,6 @@ def smooth(
     torque_nm: ArrayLike,
     *,
     angle_rad: ArrayLike | None = None,
-    covariance: bool = True,
     form: Form | None = None,
 ) -> SmoothResult:
     r"""Estimate every block from the whole trace (fixed-interval smoother).
@@ -347,11 +346,10 @@ def smooth(
     """
     samples = _samples(time_s, velocity_rad_s, torque_nm, angle_rad)
     n, n_blocks = samples[0].size, block_count(packed)
-    expected, mean = np.empty(n), np.empty((n, n_blocks, 2))
-    bands = np.empty((n, n_blocks, 3)) if covariance else None
+    expected, mean, covariance = np.empty(n), np.empty((n, n_blocks, 2)), np.empty((n, n_blocks, 3))
     work = kernel_form(form or kernel_name()).smooth
-    _check_time(work(packed, samples, expected, mean, bands), samples[0])
-    return SmoothResult(mean, bands, expected)
+    _check_time(work(packed, samples, expected, mean, covariance), samples[0])
+    return SmoothResult(mean, covariance, expected)
 
 
 def _array(values: ArrayLike, ndim: int) -> FloatArray:

@@ -125,11 +125,6 @@ class OnlineFilter:
         screened = model.torque_limit_nm is not None or model.stuck_samples is not None
         self._screen = np.zeros(SCREEN_STATES if screened else 0)
 
-    @property
-    def kernel(self) -> str:
-        """Form that runs: ``c`` or ``numpy``."""
-        return self._kernel
-
     def process(
         self,
         time_s: ArrayLike,

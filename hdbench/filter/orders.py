@@ -90,8 +90,6 @@ def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
             channels.torque_nm,
             angle_rad=channels.angle_rad if model.use_measured_angle else None,
         )
-    if found.covariance is None:
-        raise ValueError("the smoother gave no covariance")
     angle = motor_angle(channels)
     elapsed = channels.time_s - channels.time_s[0]
     n = len(model.blocks)

@@ -128,7 +128,6 @@ def test_both_forms_smooth_alike(model):
     assert_allclose(one.mean, two.mean, rtol=0.0, atol=1e-8 * scale)
     assert_allclose(one.covariance, two.covariance, rtol=1e-6, atol=1e-6 * scale**2)
     assert_allclose(one.torque_expected_nm, two.torque_expected_nm, rtol=0.0, atol=1e-9)
-    assert smooth(model, t, v, y, covariance=False).covariance is None
 
 
 def test_a_missing_a_gated_and_an_unresolved_sample_are_flagged():

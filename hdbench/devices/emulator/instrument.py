@@ -148,11 +148,6 @@ class SimulatedInstrument:
         """Whether a scan clock runs."""
         return self._sampling
 
-    @property
-    def sample_period_s(self) -> float:
-        """Period of the scan clock, or of the simulation without one, s."""
-        return self._timeline.sample_period_s
-
     def write_reference(self, value_v: float) -> None:
         """Put `value_v` out as motor reference from the next hold on."""
         self.reference_v = value_v
