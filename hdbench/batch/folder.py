@@ -19,7 +19,7 @@ from hdbench.batch.inputs import Input, stamps_of
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.records.csvtext import csv_text, safe_cell
 from hdbench.records.parquetfile import require_parquet
-from hdbench.records.storage import storage_error, write_atomic
+from hdbench.records.storage import disk_errors, write_atomic
 from hdbench.system.files import lock_file
 
 # the same content fails or passes in the same way; anything else is worth another try
@@ -71,7 +71,7 @@ class BatchFolder:
         for entry in entries[1:]:
             self._kept[entry["identity"]] = entry
             self._names[entry["identity"]] = entry["name"]
-        try:
+        with disk_errors(path):
             (path / "results").mkdir(parents=True, exist_ok=True)
             self._file = self._journal.open("a+b")
             _hold(self._file, path)
@@ -80,8 +80,6 @@ class BatchFolder:
                 self._file.write(b"\n")
             shutil.rmtree(self.parts, ignore_errors=True)
             self.parts.mkdir()
-        except OSError as error:
-            raise storage_error(error, path) from error
         if not entries:
             self._append({"command": command})
 
@@ -184,11 +182,9 @@ class BatchFolder:
         self._append(line)
 
     def _append(self, line: Mapping[str, Any]) -> None:
-        try:
+        with disk_errors(self._journal):
             self._file.write(json.dumps(line, allow_nan=False).encode() + b"\n")
             self._file.flush()
-        except OSError as error:
-            raise storage_error(error, self._journal) from error
 
     def write_table(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write the table as CSV and Parquet.

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hdbench.errors import DataError, HdbenchError, UsageError, nothing_stored
 from hdbench.records.jsonfile import read_json
-from hdbench.records.storage import sha256_file, storage_error
+from hdbench.records.storage import disk_errors, sha256_file
 
 _LIST_COLUMNS = ("input", "profile", "calibration", "drive")
 _DATA_SUFFIXES = (".csv", ".csv.gz", ".parquet")
@@ -240,10 +240,8 @@ def content_of(path: Path) -> Content:
         raise nothing_stored(path)
     begin_ns = time.time_ns()
     stamps = stamps_of(path)
-    try:
+    with disk_errors(path):
         digests = [(name, sha256_file(file)) for name, file in _files(path)]
-    except OSError as error:
-        raise storage_error(error, path) from error
     if path.is_dir():
         lines = "".join(f"{digest}  {name}\n" for name, digest in digests)
         total = hashlib.sha256(lines.encode()).hexdigest()

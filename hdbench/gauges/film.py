@@ -17,7 +17,7 @@ from reportlab.pdfgen.canvas import Canvas
 
 from hdbench.errors import UsageError
 from hdbench.gauges.layout import LAYOUTS, GridGeometry, Layout, Rosette
-from hdbench.records.storage import storage_error, write_atomic
+from hdbench.records.storage import disk_errors, write_atomic
 
 SHEETS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4), "a3": (297.0, 420.0)}
 BAR_MM = 100.0
@@ -379,10 +379,8 @@ def write_film(request: FilmRequest, out: Path) -> Film:
             f"{out.name!r} does not end in .pdf", where="--out", fix="name it such as film.pdf"
         )
     other = out.with_suffix(".svg")
-    try:
+    with disk_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, out) from error
     write_atomic(out, _as_pdf(request))
     write_atomic(other, _as_svg(request))
     sizes = {

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import BusyError, DataError, StorageError
-from hdbench.records.storage import checked_size, read_failure, storage_error
+from hdbench.records.storage import checked_size, disk_errors, read_failure, storage_error
 from hdbench.system.files import lock_file, sync_data, sync_file, sync_folder
 
 _MAGIC = b"HDJ1"
@@ -238,11 +238,9 @@ class JournalWriter:
     def _cut(self, torn_bytes: int) -> None:
         if not torn_bytes:
             return
-        try:
+        with disk_errors(self._path):
             os.ftruncate(self._handle, os.fstat(self._handle).st_size - torn_bytes)
             sync_file(self._handle)
-        except OSError as error:
-            raise storage_error(error, self._path) from error
 
     def append(
         self,

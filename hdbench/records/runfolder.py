@@ -17,7 +17,7 @@ from typing import Any
 
 from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
-from hdbench.records.storage import file_bytes, sha256_file, storage_error
+from hdbench.records.storage import disk_errors, file_bytes, sha256_file
 from hdbench.system.files import sync_folder
 from hdbench.system.processes import process_exists, process_mark
 
@@ -56,7 +56,7 @@ def utc_text(moment: datetime) -> str:
 def _make_folder(parent: Path, kind: str, moment: datetime, token: Callable[[], str]) -> Path:
     """Make the folder of a new run."""
     stamp = moment.astimezone(UTC).strftime("%Y%m%dT%H%M%SZ")
-    try:
+    with disk_errors(parent):
         parent.mkdir(parents=True, exist_ok=True)
         # two runs in one second meet with probability 6e-8; four in a row never do
         for _ in range(4):
@@ -67,8 +67,6 @@ def _make_folder(parent: Path, kind: str, moment: datetime, token: Callable[[], 
                 continue
             sync_folder(parent)
             return path
-    except OSError as error:
-        raise storage_error(error, parent) from error
     raise StorageError("no free run id", where=str(parent), fix="start the run again")
 
 
@@ -420,15 +418,13 @@ def add_note(run: Path, text: str, moment: datetime) -> RunNote:
     read_manifest(run)
     note = RunNote(utc_text(moment), text)
     file = run / _NAME
-    try:
+    with disk_errors(file):
         # a file of its own: run.json belongs to the process that makes the run
         with file.open("ab") as stream:
             stream.write(json.dumps(asdict(note)).encode() + b"\n")
             stream.flush()
             os.fsync(stream.fileno())
         sync_folder(run)
-    except OSError as error:
-        raise storage_error(error, file) from error
     return note
 
 

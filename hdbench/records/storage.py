@@ -7,8 +7,8 @@ import hashlib
 import os
 import secrets
 import shutil
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,15 @@ def storage_error(error: OSError, path: Path) -> StorageError:
     if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
         fix = "name another --out: a file stands where a folder has to be, or a folder for a file"
     return StorageError(f"cannot write: {error.strerror or error}", where=str(path), fix=fix)
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Raise an error of the system as the one that `storage_error` makes of it."""
+    try:
+        yield
+    except OSError as error:
+        raise storage_error(error, path) from error
 
 
 def _is_special(path: Path) -> bool:
@@ -56,7 +65,7 @@ def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
     path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     chunks = (chunks,) if isinstance(chunks, bytes) else chunks
-    try:
+    with disk_errors(path):
         if _is_special(path):
             with path.open("wb") as special:
                 special.writelines(chunks)
@@ -70,8 +79,6 @@ def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
             sync_folder(path.parent)
         finally:
             temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise storage_error(error, path) from error
 
 
 def staged_path(path: Path) -> Path:
@@ -81,15 +88,13 @@ def staged_path(path: Path) -> Path:
 
 def publish(staged: Path, path: Path) -> None:
     """Give checked content its name."""
-    try:
+    with disk_errors(path):
         if _is_special(path):
             path.write_bytes(staged.read_bytes())
             staged.unlink()
             return
         staged.replace(path)
         sync_folder(path.parent)
-    except OSError as error:
-        raise storage_error(error, path) from error
 
 
 def write_new(path: Path, content: bytes) -> None:
@@ -164,10 +169,8 @@ def sha256_file(path: Path) -> str:
 
 def check_space(folder: Path, needed: int) -> None:
     """Refuse to begin what the disk cannot hold twice over."""
-    try:
+    with disk_errors(folder):
         free = shutil.disk_usage(folder).free
-    except OSError as error:
-        raise storage_error(error, folder) from error
     wanted = 2 * needed + _RESERVE
     if free < wanted:
         raise StorageError(
@@ -181,14 +184,12 @@ def check_space(folder: Path, needed: int) -> None:
 def keep_reserve(folder: Path) -> None:
     """Keep 4 MiB back in `folder`, so that a run can be closed on a disk that fills up."""
     path = folder / RESERVE_NAME
-    try:
+    with disk_errors(path):
         handle = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
         try:
             allocate(handle, _RESERVE)
         finally:
             os.close(handle)
-    except OSError as error:
-        raise storage_error(error, path) from error
 
 
 def free_reserve(folder: Path) -> None:

@@ -13,7 +13,7 @@ from hdbench import __version__
 from hdbench.errors import DataError, UsageError
 from hdbench.records.csvtext import csv_text
 from hdbench.records.jsonfile import result_header, write_json
-from hdbench.records.storage import storage_error, write_atomic
+from hdbench.records.storage import disk_errors, write_atomic
 from hdbench.report.numbers import DASH, short
 from hdbench.report.pagemodel import KeyNumber, Section
 from hdbench.report.texts import TEMPLATES, page_text, templates
@@ -70,10 +70,8 @@ def page_files(html: Path, *, option: str = "", example: str = "") -> ReportFile
         raise UsageError(
             f"{html.name!r} does not end in .html", where=option, fix=f"name it such as {example}"
         )
-    try:
+    with disk_errors(html.parent):
         html.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, html.parent) from error
     files = ReportFiles(html, html.with_suffix(".csv"), html.with_suffix(".json"))
     refuse_foreign((files.html, files.csv, files.json))
     return files
@@ -88,11 +86,8 @@ def refuse_foreign(files: Iterable[Path]) -> None:
             raise DataError(
                 "not a regular file", where=str(file), fix="name another file with --out"
             )
-        try:
-            with file.open("rb") as stream:
-                head = stream.read(_HEAD_BYTES).decode("utf-8", errors="replace")
-        except OSError as error:
-            raise storage_error(error, file) from error
+        with disk_errors(file), file.open("rb") as stream:
+            head = stream.read(_HEAD_BYTES).decode("utf-8", errors="replace")
         if head and not any(mark in head for mark in _MARKS.get(file.suffix.lower(), ())):
             raise UsageError(
                 "the file exists and is no report's; a report writes .html, .csv and .json of "
