@@ -11,12 +11,11 @@ from faults.lines import in_thread
 from served import InThread, read_all
 
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.instrument import SimulatedInstrument, device_clock
+from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.modbus import ModbusDevice
 from hdbench.devices.emulator.server import ModbusServer, Wire
+from hdbench.devices.emulator.serving import Emulation
 from hdbench.devices.modbus.driver import ModbusDaq, open_modbus
-from hdbench.plant.bench import SimulatedBench
-from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
@@ -62,11 +61,7 @@ class Served(InThread):
 @contextmanager
 def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Iterator[Served]:
     """Serve a device; every request it hears is kept."""
-    instrument = SimulatedInstrument(
-        SimulatedBench(BENCH, load_plant("as-modelled"), seed),
-        BENCH.encoder.counts_per_turn,
-        clock=device_clock(),
-    )
+    instrument = Emulation(BENCH, "as-modelled", seed).instrument
     device = ModbusDevice(instrument, what, amperes_per_v=1.0)
     server = ModbusServer(device, wire)
     with in_thread(server.open, server.close) as (loop, address):

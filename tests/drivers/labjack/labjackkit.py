@@ -14,14 +14,12 @@ from served import InThread
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.driver import open_daq
-from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInstrument, device_clock
-from hdbench.devices.emulator.serving import EmulatorSettings
+from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInstrument
+from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.labjack.driver import LabJackDaq
 from hdbench.drivers.labjack.emulator.device import EmulatedLabJack, LabJackDevice
 from hdbench.drivers.labjack.emulator.streaming import Wiring
-from hdbench.plant.bench import SimulatedBench
-from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 
 PROFILE = load_profile("labjack-t7").data
@@ -48,12 +46,9 @@ class Served(InThread):
 def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[Served]:
     """Serve a device on a free pair of ports."""
     events: list[dict[str, object]] = []
-    instrument = SimulatedInstrument(
-        SimulatedBench(PROFILE, load_plant("as-modelled"), seed),
-        PROFILE.encoder.counts_per_turn,
-        clock=device_clock(speed),
-        record=lambda event: events.append(dict(event)),
-    )
+    emulation = Emulation(PROFILE, "as-modelled", seed, record=lambda e: events.append(dict(e)))
+    emulation.speed = speed
+    instrument = emulation.instrument
     made = table or PROFILE.daq
     terminals = {c.number: (c.role, 1.0) for c in made.channels if c.role != "encoder"}
     wiring = Wiring(instrument, made, terminals, seed)
