@@ -80,7 +80,9 @@ class Beside:
     bands : Bands
         Bands.
     rows : ndarray, shape (k, size)
-        Rows of what is explained.
+        Rows of the fit.
+    kept : ndarray of int, shape (n_kept,)
+        Those that are explained and stay.
     moments : Moments
         Their moments.
     residual : ndarray, shape (size,)
@@ -89,14 +91,15 @@ class Beside:
         Noise.
     whitening : ndarray, shape (size,)
         One over the noise's power at each coefficient.
-    factor : ndarray, shape (k, k)
-        Inverse Cholesky factor of the information of `rows`.
-    free : ndarray, shape (k,)
-        The factor times the right side of `rows`: what they may still take of the residual.
+    factor : ndarray, shape (n_kept, k)
+        Inverse Cholesky factor of the information of the rows that stay, zero for the others.
+    free : ndarray, shape (n_kept,)
+        The factor times the right side of these: what they may still take of the residual.
     """
 
     bands: Bands
     rows: FloatArray
+    kept: NDArray[np.int64]
     moments: Moments
     residual: FloatArray
     spectrum: Spectrum
@@ -295,8 +298,7 @@ class Fit:
     @property
     def residual(self) -> FloatArray:
         """Transform of what is left, shape (size,)."""
-        held = self.coefficients != 0.0
-        return np.asarray(self.measured - self.coefficients[held] @ self.rows[held])
+        return np.asarray(self.measured - self.coefficients @ self.rows)
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
         """Keep only these rows; what the others explained is residual again."""
@@ -350,26 +352,33 @@ class Fit:
         scale = np.where(scale > 0.0, scale, 1.0)
         return np.asarray(1.0 / np.where(self.form, self.variance * scale**2, self.variance))
 
-    def moments(self) -> Moments:
-        """Return the moments of the active rows about the present residual."""
-        return self.all_moments().without(~self.active)
+    def moments(
+        self, kept: NDArray[np.int64] | None = None, penalty: FloatArray | None = None
+    ) -> Moments:
+        """Return the moments of the active rows, or of these, about what they leave.
 
-    def all_moments(self) -> Moments:
-        """Return the moments of all rows, form errors of scale zero among them."""
-        explained = self.gram @ self.coefficients
-        right = self.against - explained
-        power = self.power - (self.against + right) @ self.coefficients
+        What rows that are not kept explained is residual again. `penalty` is another prior.
+        """
+        kept = np.flatnonzero(self.active) if kept is None else kept
+        penalty = self.penalty if penalty is None else penalty
+        coefficients = np.zeros(len(self.owner))
+        coefficients[kept] = self.coefficients[kept]
+        right = self.against - self.gram @ coefficients
         moving = np.array([part.moving for part in self.parts], dtype=bool)[self.owner]
         return Moments(
-            packed(self.gram),
-            right,
-            power,
+            packed(self.gram, kept),
+            right[:, kept],
+            self.power - (self.against + right) @ coefficients,
             self.bands.counts,
-            self.coefficients,
-            self.penalty,
-            moving,
+            coefficients[kept],
+            penalty[kept],
+            moving[kept],
             self.fixed,
         )
+
+    def weighted(self) -> FloatArray:
+        """Return the products of all rows with each other, weighed by the noise."""
+        return np.asarray(np.tensordot(1.0 / self.spectrum.power, self.gram, 1))
 
     def settle(self, rounds: int = 2, *, anew: bool = False) -> None:
         """Fit coefficients and noise in turn."""
@@ -468,23 +477,23 @@ class Fit:
 
     def beside(self, *without: int) -> Beside:
         """Return residual and rows for a candidate, without these parts."""
-        moments, kept = self.all_moments(), self.active & ~np.isin(self.owner, without)
-        explained = np.where(np.isin(self.owner, without), 0.0, self.coefficients)
-        held = explained != 0.0
-        residual = self.measured - explained[held] @ self.rows[held]
-        moments = moments.without(~kept)
-        rows = self.rows if kept.all() else self.rows[kept]
+        gone = np.isin(self.owner, without)
+        kept = np.flatnonzero(self.active & ~gone)
+        moments = self.moments(kept)
         normal, right = normal_equations(moments, self.spectrum)
-        factor = np.linalg.inv(normal.factor) * normal.scale[None, :]
+        # rows that do not stay have no part in the factor: so none of them is copied
+        factor = np.zeros((len(kept), len(gone)))
+        factor[:, kept] = np.linalg.inv(normal.factor) * normal.scale
         return Beside(
             self.bands,
-            rows,
+            self.rows,
+            kept,
             moments,
-            residual,
+            self.measured - np.where(gone, 0.0, self.coefficients) @ self.rows,
             self.spectrum,
             self.bands.spread(1.0 / self.spectrum.power),
             factor,
-            factor @ right,
+            factor[:, kept] @ right,
         )
 
     # --- what the fit says

@@ -9,13 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.fit import Fit, Part
-from hdbench.diagnosis.discovery.moments import (
-    Moments,
-    inverse,
-    quick_likelihood,
-    solve,
-    weighted_products,
-)
+from hdbench.diagnosis.discovery.moments import inverse, quick_likelihood, solve
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import (
@@ -63,8 +57,8 @@ _WITHOUT, _SPANNED = 4, 0.3
 _RATIOS = (0.4, 2.5)
 
 
-def _modulations(record: Record, waves: int) -> list[FloatArray]:
-    """Return slow factors that an amplitude or a phase may follow."""
+def _modulations(record: Record, waves: int) -> FloatArray:
+    """Return slow factors that an amplitude or a phase may follow, shape (k, n_samples)."""
     motion, valid = record.motion, record.motion.valid
     n = len(record)
     place = (np.arange(n) + 0.5) / n
@@ -87,13 +81,13 @@ def _modulations(record: Record, waves: int) -> list[FloatArray]:
         held = np.where(valid & np.isfinite(load), load, 0.0)
         if float(np.std(held[valid])) > 0.0:
             out.append((held - held[valid].mean()) / held[valid].std())
-    return out
+    return np.stack(out)
 
 
 def _directions(
     record: Record, columns: FloatArray, linear: FloatArray, line: bool, term: Term | None
 ) -> FloatArray:
-    """Return directions of form error of a part, N m per unit of relative size."""
+    """Return directions of form error of a part, N m per unit of relative size, a row each."""
     torque = columns @ linear
     waves = [torque]
     if line:
@@ -101,11 +95,9 @@ def _directions(
         for c in range(0, columns.shape[1] - 1, 2):
             turned += linear[c] * columns[:, c + 1] - linear[c + 1] * columns[:, c]
         waves.append(turned)
-    out = [
-        b * wave
-        for b in _modulations(record, _LINE_WAVES if line else _OTHER_WAVES)
-        for wave in waves
-    ]
+    count = _LINE_WAVES if line else _OTHER_WAVES
+    slow = record.remembered(("modulations", count), lambda: _modulations(record, count))
+    out = [b * wave for b in slow for wave in waves]
     size = float(np.sqrt(np.mean(torque**2)))
     if not line:
         out += _delayed(record, torque)
@@ -121,10 +113,10 @@ def _directions(
                 out.append((other - torque) / SCALES[-1])
     out = [np.clip(c, -30.0 * size, 30.0 * size) for c in out if np.any(c)]
     if out and not line:
-        out = [*_beyond_plain(record, np.column_stack(out)).T]
+        out = [*_beyond_plain(record, np.stack(out))]
     if term is not None:
         out += _other_forms(record, torque, term)
-    return np.column_stack(out) if out else np.zeros((len(torque), 0))
+    return np.stack(out) if out else np.zeros((0, len(torque)))
 
 
 def _per_speed(term: Term) -> bool:
@@ -166,14 +158,15 @@ def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
     What has a plain form is a cause of its own, and no error of another one's form.
     """
     basis = record.remembered("plain laws", lambda: _plain_laws(record))
-    held = np.where(record.motion.valid[:, None], directions, 0.0)
-    left = held - basis @ (basis.T @ held)
-    own = np.sum(left**2, axis=0) > _OWN_SHARE * np.sum(held**2, axis=0)
-    return np.where(own, left, 0.0)
+    held = np.where(record.motion.valid, directions, 0.0)
+    left = held - (held @ basis.T) @ basis
+    before, after = (np.einsum("kn,kn->k", one, one) for one in (held, left))
+    left[after <= _OWN_SHARE * before] = 0.0
+    return np.asarray(left)
 
 
 def _plain_laws(record: Record) -> FloatArray:
-    """Return an orthonormal basis of the plain laws of motion, time and place."""
+    """Return an orthonormal basis of the plain laws of motion, time and place, a row each."""
     motion, valid = record.motion, record.motion.valid
     speed = np.where(valid, motion.velocity_rad_s, 0.0)
     largest = max(float(np.abs(speed).max()), 1e-12)
@@ -190,7 +183,7 @@ def _plain_laws(record: Record) -> FloatArray:
     value, vector = np.linalg.eigh(columns.T @ columns / len(record))
     # a speed that hardly changes has ripple and noise only
     kept = value > _TURN**2
-    return np.asarray(columns @ (vector[:, kept] / np.sqrt(value[kept] * len(record))))
+    return np.asarray((vector[:, kept] / np.sqrt(value[kept] * len(record))).T @ columns.T)
 
 
 def _delayed(record: Record, torque: FloatArray) -> list[FloatArray]:
@@ -263,10 +256,10 @@ def form_rows(fit: Fit, part: int) -> FloatArray:
         fast = _fast_angle(record)
         cosine, sine = columns[:, ::2], columns[:, 1::2]
         turned = sine @ linear[::2] - cosine @ linear[1::2]
-        directions = np.column_stack([directions, order * fast * turned / SCALES[-1]])
-    if not directions.shape[1]:
+        directions = np.vstack([directions, order * fast * turned / SCALES[-1]])
+    if not len(directions):
         return np.zeros((0, fit.bands.size))
-    rows = fit.bands.transform(directions)
+    rows = fit.bands.transform(directions.T)
     beside = fit.beside()
     matrix, _ = beside.project(rows)
     value, vector = np.linalg.eigh(matrix)
@@ -365,7 +358,6 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
     quite the shaft's spoils all of them. Satellites of a line that a larger form error explains
     are taken out at once: one by one each of them is needed as long as the others stand.
     """
-    moments = fit.all_moments()
     present = [part.form_scale for part in fit.parts]
 
     def at(scales: Mapping[int, float]) -> tuple[NDArray[np.bool_], FloatArray, float]:
@@ -379,9 +371,9 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
 
     def value(scales: Mapping[int, float], needless: Sequence[int] = ()) -> float:
         active, penalty, cost = at(scales)
-        active = active & ~np.isin(fit.owner, needless)
+        kept = np.flatnonzero(active & ~np.isin(fit.owner, needless))
         cost -= sum(fit.parts[part].cost_nats for part in needless)
-        tried = moments.with_penalty(penalty).without(~active)
+        tried = fit.moments(kept, penalty)
         return solve(tried, fit.shapes, fit.spectrum, rounds=1).likelihood - cost
 
     def quick(scales: Mapping[int, float]) -> float:
@@ -398,23 +390,21 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
     if not moves:
         return None
     base = value({})
-    weighted, right = weighted_products(moments, fit.spectrum)
+    weighted, right = fit.weighted(), (1.0 / fit.spectrum.power) @ fit.against
     moves.sort(key=quick, reverse=True)
     tried = [FormMove(value(scales) - base, scales) for scales in moves[:_WITHOUT]]
     for move in tuple(tried) if parts is None else ():
         named = [part for part in fit.causes() if not is_table(fit.term(part).cause)]
-        satellites = _spanned(fit, moments, tuple(move.scales), named)
+        satellites = _spanned(fit, tuple(move.scales), named)
         for count in range(1, len(satellites) + 1):
             gain = value(move.scales, satellites[:count]) - base
             tried.append(FormMove(gain, move.scales, tuple(satellites[:count])))
     return max(tried, key=lambda move: move.gain_nats)
 
 
-def _spanned(
-    fit: Fit, moments: Moments, parts: tuple[int, ...], causes: Iterable[int]
-) -> list[int]:
+def _spanned(fit: Fit, parts: tuple[int, ...], causes: Iterable[int]) -> list[int]:
     """Return the causes whose torque the form errors of some parts can say, the nearest first."""
-    gram = moments.weighted(1.0 / fit.spectrum.power)
+    gram = fit.weighted()
     rows = np.flatnonzero(np.isin(fit.owner, parts) & fit.form)
     own = gram[np.ix_(rows, rows)] + np.eye(len(rows))
     shares = {}

@@ -162,10 +162,10 @@ def _formed_shapes(fit: Fit, parts: Sequence[int]) -> Fit:
 def _at_shapes(fit: Fit, terms: Mapping[int, Term]) -> Fit:
     """Return a fit with causes at other shapes, their form errors made anew."""
     new = fit.copy()
+    # the directions of a form error are those about the shape
+    new.keep(~(new.form & np.isin(new.owner, list(terms))))
     for part, term in terms.items():
         new.reshape(part, term)
-        # the directions of its form error are those about the shape
-        new.keep(~(new.form & (new.owner == part)))
     new.settle(1)
     attach_forms(new)
     return new

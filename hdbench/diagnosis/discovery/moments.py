@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -71,72 +71,67 @@ class Moments:
             self.fixed,
         )
 
-    def without(self, dropped: NDArray[np.bool_]) -> Moments:
-        """Return the moments where some columns are taken out, and their part is residual again."""
-        pairs = _pairs(len(dropped))
-        kept, back = np.flatnonzero(~dropped), np.flatnonzero(dropped & (self.coefficients != 0.0))
-        right, power = self.right, self.power
-        if len(back):
-            amount = self.coefficients[back]
-            taken = self.products.take(pairs[:, back].ravel(), 1)
-            moved = taken.reshape(len(taken), -1, len(back)) @ amount
-            power = power + (2.0 * right[:, back] + moved[:, back]) @ amount
-            right = right + moved
-        inside = pairs[np.ix_(kept, kept)][np.tri(len(kept), dtype=bool)]
-        return Moments(
-            self.products.take(inside, 1),
-            right[:, kept],
-            power,
-            self.counts,
-            self.coefficients[kept],
-            self.penalty[kept],
-            self.moving[kept],
-            self.fixed,
-        )
-
-    def with_penalty(self, penalty: FloatArray) -> Moments:
-        """Return the same with another prior."""
-        return replace(self, penalty=penalty)
-
     def weighted(self, weight: FloatArray) -> FloatArray:
         """Return the Gram matrix of all bands with these weights, shape (k, k)."""
         return np.asarray((weight @ self.products)[_pairs(len(self.coefficients))])
 
-    def squares(self, vector: FloatArray) -> FloatArray:
-        """Return the power of a sum of columns in each band."""
-        return self.traces(np.outer(vector, vector))
-
-    def traces(self, matrix: FloatArray) -> FloatArray:
-        """Return the trace of each band's Gram matrix times a symmetric matrix."""
-        twice = 2.0 * matrix
-        twice[np.diag_indices_from(twice)] *= 0.5
-        return np.asarray(self.products @ twice[np.tri(len(matrix), dtype=bool)])
-
     def left(self, step: FloatArray) -> FloatArray:
         """Return the power left in each band after a step."""
-        power = self.power - 2.0 * self.right @ step + self.squares(step)
+        return self._left(step, _squares(step) @ self.products.T)
+
+    def _left(self, step: FloatArray, squares: FloatArray) -> FloatArray:
+        power = self.power - 2.0 * self.right @ step + squares
         return np.maximum(power, 1e-12 * self.power)
 
-    def modelled(self, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return, per coefficient of each band, the power of what is modelled and of what moves."""
+    def told(
+        self, step: FloatArray, inverse: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return what each band says of a fit after a step.
+
+        That is its trace with the inverse of the normal equations, the power left, and, per
+        coefficient, the power of what is modelled and of what moves.
+        """
         free = np.where(self.penalty > 0.0, 0.0, self.coefficients + step)
-        vectors = (free, np.where(self.moving, free, 0.0))
+        vectors = np.stack([step, free, np.where(self.moving, free, 0.0)])
+        # one pass over the products, which are many, for all
+        sums = np.vstack([_squares(vectors), _trace(inverse)]) @ self.products.T
+        squares, whole, moving, trace = sums
         counts = np.maximum(self.counts, 1e-9)
-        whole, moving = ((self.squares(one) + self.fixed) / counts for one in vectors)
-        return whole, moving
+        left = self._left(step, squares)
+        return trace, left, (whole + self.fixed) / counts, (moving + self.fixed) / counts
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def _pairs(count: int) -> NDArray[np.int64]:
     """Return where the product of each two of so many columns stands, shape (count, count)."""
     low, high = np.sort(np.indices((count, count)), axis=0)
     return np.asarray(high * (high + 1) // 2 + low)
 
 
-def packed(gram: FloatArray) -> FloatArray:
-    """Return the lower triangles of Gram matrices, row by row: each product once."""
+@lru_cache(maxsize=256)
+def _triangle(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """Return row and column of each product, and how often it counts in a sum of all."""
+    high, low = np.tril_indices(count)
+    return high, low, np.where(high == low, 1.0, 2.0)
+
+
+def _squares(vectors: FloatArray) -> FloatArray:
+    """Return the weights of the products in the power of sums of columns."""
+    high, low, times = _triangle(vectors.shape[-1])
+    return np.asarray(vectors.take(high, -1) * vectors.take(low, -1) * times)
+
+
+def _trace(lower: FloatArray) -> FloatArray:
+    """Return the weights of the products in the trace with a symmetric matrix."""
+    high, low, times = _triangle(len(lower))
+    return np.asarray(lower.ravel().take(high * len(lower) + low) * times)
+
+
+def packed(gram: FloatArray, kept: NDArray[np.int64]) -> FloatArray:
+    """Return the lower triangles of Gram matrices of some columns, row by row: each once."""
     k = gram.shape[1]
-    return gram.reshape(len(gram), k * k).take(np.flatnonzero(np.tri(k, dtype=bool)), 1)
+    high, low, _ = _triangle(len(kept))
+    return np.asarray(gram.reshape(len(gram), k * k).take(kept[high] * k + kept[low], 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,19 +179,18 @@ def solve(
         normal, right = normal_equations(moments, spectrum)
         step = normal.solution(right)
         counts = np.maximum(moments.counts, 1e-9)
-        taken = moments.traces(normal.inverse())
+        taken, left, *modelled = moments.told(step, normal.inverse())
         dof = np.clip(counts - taken / spectrum.power, _LEAST_DOF * counts, counts)
         amounts = None if anew else spectrum.amounts
-        power = moments.left(step) / dof
-        before, spectrum = spectrum, shapes.fit(power, dof, amounts, *moments.modelled(step))
+        before, spectrum = spectrum, shapes.fit(left / dof, dof, amounts, *modelled)
         # the likelihood is flat at its best: it changes by the square
         if moments.counts @ np.log(spectrum.power / before.power) ** 2 < 4.0 * _SETTLED:
             break
     normal, right = normal_equations(moments, spectrum)
     step = normal.solution(right)
     total = moments.coefficients + step
-    left = float(np.sum(moments.left(step) / spectrum.power))
-    quadratic = left + float(total @ (moments.penalty * total))
+    quadratic = float(np.sum(moments.left(step) / spectrum.power))
+    quadratic += float(total @ (moments.penalty * total))
     logs = float(moments.counts @ np.log(spectrum.power))
     free = moments.penalty <= 0.0
     width = 0.0
@@ -228,18 +222,12 @@ def quick_likelihood(
     return 0.5 * (quadratic - normal.occam(penalty[kept]))
 
 
-def weighted_products(moments: Moments, spectrum: Spectrum) -> tuple[FloatArray, FloatArray]:
-    """Return the products of columns with each other, and with the torque, weighed by a noise."""
-    matrix = moments.weighted(1.0 / spectrum.power)
-    return matrix, (1.0 / spectrum.power) @ moments.right + matrix @ moments.coefficients
-
-
 def inverse(information: FloatArray) -> FloatArray:
     """Return the inverse of an information matrix; zero for empty columns."""
     scale = inverse_scale(np.diag(information))
-    scaled = information * np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] += np.where(scale > 0.0, _RIDGE, 1.0)
-    return np.asarray(np.linalg.inv(scaled) * np.outer(scale, scale))
+    scaled = information * scale * scale[:, None]
+    scaled.flat[:: len(scaled) + 1] += np.where(scale > 0.0, _RIDGE, 1.0)
+    return np.asarray(np.linalg.inv(scaled) * scale * scale[:, None])
 
 
 def solve_best(moments: Moments, shapes: Shapes, start: Spectrum, *, rounds: int = 2) -> Solved:
@@ -283,14 +271,13 @@ class Normal:
         return np.asarray(self.scale * dpotrs(self.factor, self.scale * right, lower=1)[0])
 
     def inverse(self) -> FloatArray:
-        """Return the inverse of the matrix; zero for empty columns."""
+        """Return the lower triangle of the inverse of the matrix; zero for empty columns."""
         from scipy.linalg.lapack import dpotri
 
         if not len(self.scale):
             return self.matrix
         lower = dpotri(self.factor, lower=1)[0]
-        whole = np.where(np.tri(len(lower), dtype=bool), lower, lower.T)
-        return np.asarray(whole * np.outer(self.scale, self.scale))
+        return np.asarray(lower * self.scale * self.scale[:, None])
 
     def log_det(self, some: NDArray[np.bool_] | None = None) -> float:
         """Return ln det of the matrix, or of that of some columns, without empty ones."""
@@ -311,8 +298,8 @@ class Normal:
 
 
 def _cholesky(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    scaled = matrix * np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] += np.where(scale > 0.0, _RIDGE, 1.0)
+    scaled = matrix * scale * scale[:, None]
+    scaled.flat[:: len(scaled) + 1] += np.where(scale > 0.0, _RIDGE, 1.0)
     return np.asarray(np.linalg.cholesky(scaled), dtype=np.float64)
 
 
@@ -320,7 +307,7 @@ def normal_equations(moments: Moments, spectrum: Spectrum) -> tuple[Normal, Floa
     """Return the normal equations of a fit in a noise, and their right side."""
     weight = 1.0 / spectrum.power
     matrix = moments.weighted(weight)
-    matrix[np.diag_indices_from(matrix)] += moments.penalty
+    matrix.flat[:: len(matrix) + 1] += moments.penalty
     right = weight @ moments.right - moments.penalty * moments.coefficients
     return Normal.of(matrix), right
 

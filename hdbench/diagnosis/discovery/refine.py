@@ -285,7 +285,7 @@ def gain_of(
         return 0.0
     if dof < len(rows):
         rows = own.T @ rows
-    cross = beside.bands.gram(rows, beside.rows)
+    cross = beside.bands.gram(rows, beside.rows)[:, :, beside.kept]
     own = beside.bands.gram(rows, rows)
     edges = beside.bands.edges[:-1]
     right = np.stack([np.add.reduceat(row * beside.residual, edges) for row in rows], 1)
@@ -296,7 +296,7 @@ def gain_of(
 def _gain_of_torque(beside: Beside, torque: FloatArray, shapes: Shapes, base: float) -> float:
     """Return the log likelihood that a torque without free amplitude gains, nats."""
     left = beside.residual - torque
-    moved = beside.bands.gram(torque[None, :], beside.rows)[:, 0]
+    moved = beside.bands.gram(torque[None, :], beside.rows)[:, 0, beside.kept]
     moments = beside.moments
     moments = replace(moments, right=moments.right - moved, power=beside.bands.power(left))
     return solve_best(moments, shapes, beside.spectrum).likelihood - base

@@ -39,7 +39,7 @@ from hdbench.diagnosis.discovery.lines import (
     step_look,
 )
 from hdbench.diagnosis.discovery.loudness import loudness_beside, loudness_of
-from hdbench.diagnosis.discovery.moments import Moments, solve, solve_best
+from hdbench.diagnosis.discovery.moments import solve, solve_best
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.refine import (
     Candidate,
@@ -320,11 +320,10 @@ class Search:
         saved = 0.0
         while True:
             earlier = [part for part in new.causes() if part < len(new.parts) - last]
-            moments = new.all_moments()
 
-            def worth(part: int, moments: Moments = moments) -> float:
-                kept = new.active & (new.owner != part)
-                lesser = solve(moments.without(~kept), new.shapes, new.spectrum, rounds=1)
+            def worth(part: int) -> float:
+                kept = np.flatnonzero(new.active & (new.owner != part))
+                lesser = solve(new.moments(kept), new.shapes, new.spectrum, rounds=1)
                 return new.likelihood - lesser.likelihood - new.parts[part].cost_nats
 
             least, part = min(((worth(p), p) for p in earlier), default=(0.0, 0))

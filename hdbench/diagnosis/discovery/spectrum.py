@@ -143,7 +143,7 @@ def _scored(
     loss = loss_of(spectrum)
     for _ in range(_STEPS):
         weight = np.sqrt(dof) / spectrum
-        wanted = _between((table * weight).T, (power - floor) * weight, caps)
+        wanted = _between(table * weight, (power - floor) * weight, caps)
         share = 1.0
         while share > _LEAST_STEP:
             nearer = amounts + share * (wanted - amounts)
@@ -160,18 +160,18 @@ def _scored(
     return amounts
 
 
-def _between(columns: FloatArray, wanted: FloatArray, caps: FloatArray) -> FloatArray:
-    """Return the least squares' coefficients between 0 and their caps."""
+def _between(rows: FloatArray, wanted: FloatArray, caps: FloatArray) -> FloatArray:
+    """Return the least squares' coefficients of rows between 0 and their caps."""
     from scipy.optimize import nnls
 
-    size = np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
-    columns = columns / size
+    size = np.maximum(np.sqrt(np.einsum("sb,sb->s", rows, rows)), 1e-300)
+    columns, most = (rows / size[:, None]).T, caps * size
     found = nnls(columns, wanted)[0]
-    over = found > caps * size
+    over = found > most
     if over.any():
-        found = np.where(over, caps * size, 0.0)
+        found = np.where(over, most, 0.0)
         left = wanted - columns @ found
-        found[~over] = np.minimum(nnls(columns[:, ~over], left)[0], (caps * size)[~over])
+        found[~over] = np.minimum(nnls(columns[:, ~over], left)[0], most[~over])
     return np.asarray(found / size)
 
 

@@ -166,7 +166,7 @@ def _own_sizes(fit: Fit, part: int, kind: str) -> _Own:
         rows, scale = split.reshape(-1, rows.shape[1]), np.tile(scale, len(pieces))
     beside = fit.beside(part)
     moments = beside.moments.enlarged(
-        fit.bands.gram(rows, beside.rows),
+        fit.bands.gram(rows, beside.rows)[:, :, beside.kept],
         fit.bands.gram(rows, rows),
         np.stack([np.add.reduceat(r * beside.residual, fit.bands.edges[:-1]) for r in rows], 1),
         fit.parts[part].moving,
