@@ -181,7 +181,7 @@ def test_a_shape_is_moved_with_its_form_error_and_only_to_a_likelier_fit():
     assert state.fit.term(part).shape["transition_rad_s"] == pytest.approx(3.0, rel=0.1)
     own = state.fit.form & (state.fit.owner == part)
     # those about the new shape, largest first; the last of them are next to nothing
-    now, about = state.fit.rows[own], form_rows(state.fit, part)
+    now, about = state.fit.rows[own], form_rows(state.fit, part)[0]
     assert len(now) == len(about)
     alike = np.sum(now * about, axis=1) / np.sqrt(np.sum(now**2, axis=1) * np.sum(about**2, axis=1))
     assert np.abs(alike[:8]).min() > 0.99
@@ -348,7 +348,7 @@ def test_dry_friction_may_build_up_after_a_reversal_and_viscous_friction_may_not
     fit.settle(3)
     torque = term_columns(term, fit.record) @ fit.linear(part)
     lag = np.column_stack(_lagged(fit.record, torque)) - torque[:, None]
-    rows, lag = form_rows(fit, part), fit.bands.transform(lag)
+    rows, lag = form_rows(fit, part)[0], fit.bands.transform(lag)
     left = lag - np.linalg.lstsq(rows.T, lag.T, rcond=1e-9)[0].T @ rows
     # of a tenth of a radian: the directions say all of it, or nothing
     share = float(np.sum(left[1] ** 2) / np.sum(lag[1] ** 2))

@@ -330,6 +330,10 @@ class Bands:
             out[k] = one[:, a:b] @ other[:, a:b].T
         return out
 
+    def along(self, rows: FloatArray, row: FloatArray) -> FloatArray:
+        """Return the products of rows with another one in each band, shape (n_bands, n_rows)."""
+        return self.gram(rows, row[None, :])[:, :, 0]
+
     def power(self, row: FloatArray) -> FloatArray:
         """Return the sum of squares of a row in each band."""
         return np.asarray(np.add.reduceat(row * row, self.edges[:-1]))

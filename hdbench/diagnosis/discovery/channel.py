@@ -108,14 +108,14 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
     slow = np.column_stack([smoothed(slow, share), acceleration])
 
     plain = Fit.begun(record.behind(None), bands, floor, ())
-    plain.add(SLOW, None, slow)
+    plain.add(SLOW, slow)
     plain.settle(5)
 
     @cache
     def value(low_pass: LowPass | None) -> float:
         filtered = bands.low_passed(low_pass)
         fit = Fit.laid_out(record.behind(low_pass), filtered, floor, plain.spectrum)
-        fit.add(SLOW, None, slow)
+        fit.add(SLOW, slow)
         # the second time from its own noise, so that the first one does not count
         for rounds in (3, 1):
             fit.take(solve(fit.moments(), fit.shapes, fit.spectrum, rounds=rounds))

@@ -72,6 +72,29 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
+class Products:
+    """Products of further rows in each band.
+
+    Parameters
+    ----------
+    cross : ndarray, shape (n_bands, m, k)
+        With the rows of a fit.
+    own : ndarray, shape (n_bands, m, m)
+        With each other.
+    right : ndarray, shape (n_bands, m)
+        With the residual.
+    """
+
+    cross: FloatArray
+    own: FloatArray
+    right: FloatArray
+
+    def mixed(self, mix: FloatArray) -> Products:
+        """Return the products of sums of the rows, `mix` of shape (m, n)."""
+        return Products(mix.T @ self.cross, mix.T @ self.own @ mix, self.right @ mix)
+
+
+@dataclass(frozen=True, slots=True)
 class Beside:
     """The residual of a fit and the rows that stay free beside a candidate.
 
@@ -107,20 +130,29 @@ class Beside:
     factor: FloatArray
     free: FloatArray
 
+    def products(self, rows: FloatArray) -> Products:
+        """Return the products of further rows in each band."""
+        bands = self.bands
+        right = bands.along(rows, self.residual)
+        return Products(bands.gram(rows, self.rows), bands.gram(rows, rows), right)
+
     def project(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return information and right side of further rows beside what is explained."""
-        white = rows * self.whitening
-        cross = self.factor @ (self.rows @ white.T)
-        own = white @ rows.T
-        right = white @ self.residual
-        right = right - cross.T @ self.free
-        left = own - cross.T @ cross
+        left, right, _ = self.projected(self.products(rows))
+        return left, right
+
+    def projected(self, products: Products) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the same of rows with these products, and the information on each row alone."""
+        weight = 1.0 / self.spectrum.power
+        cross, own = (np.tensordot(weight, one, 1) for one in (products.cross, products.own))
+        cross = self.factor @ cross.T
+        right = weight @ products.right - cross.T @ self.free
+        left, before = own - cross.T @ cross, np.diag(own)
         # what rounding leaves of a row that is explained is nothing
-        dead = np.diag(left) < _OWN_SHARE * np.diag(own)
+        dead = np.diag(left) < _OWN_SHARE * before
         left[dead, :] = 0.0
         left[:, dead] = 0.0
-        right = np.where(dead, 0.0, right)
-        return left, right
+        return left, np.where(dead, 0.0, right), before
 
     def unexplained(self, row: FloatArray) -> FloatArray:
         """Return what the rows of the fit leave of a further row."""
@@ -242,10 +274,10 @@ class Fit:
         return fit
 
     # --- rows
-    def add(self, name: str, term: Term | None, columns: FloatArray) -> int:
-        """Add a part with its columns and return its index."""
+    def add(self, name: str, columns: FloatArray) -> int:
+        """Add a part that is no cause with its columns and return its index."""
         rows, scale = scaled_rows(self.bands, columns)
-        return self.add_rows(name, term, rows, scale, np.full(len(rows), np.inf))
+        return self.add_rows(name, None, rows, scale, np.full(len(rows), np.inf))
 
     def add_rows(
         self,
@@ -257,16 +289,20 @@ class Fit:
     ) -> int:
         """Add a part with its rows; `variance` is that of the prior, (N m)^2."""
         self.parts.append(Part(name, term, scale))
-        self._append(rows, len(self.parts) - 1, False, variance * scale**2)
+        products = Products(
+            self.bands.gram(rows, self.rows), self.bands.gram(rows, rows), np.zeros(0)
+        )
+        self._append(rows, products, len(self.parts) - 1, False, variance * scale**2)
         return len(self.parts) - 1
 
     def add_term(self, term: Term) -> int:
         """Add a cause and return the index of its part."""
-        return self.add(term.name, term, term_columns(term, self.record))
+        rows, scale = term_rows(term, self.record, self.bands)
+        return self.add_rows(term.name, term, rows, scale, np.full(len(rows), np.inf))
 
-    def add_form(self, part: int, rows: FloatArray) -> None:
+    def add_form(self, part: int, rows: FloatArray, products: Products) -> None:
         """Give a part directions in which its form may differ; rows per unit of the form scale."""
-        self._append(rows, part, True, np.ones(len(rows)))
+        self._append(rows, products, part, True, np.ones(len(rows)))
         self.parts[part].form_size_nm = self.size_nm(part)
 
     def rescale_forms(self) -> None:
@@ -280,16 +316,16 @@ class Fit:
         # only the prior of the coefficients changes: the rows stay
         self.variance = self.variance * ratio**2
 
-    def _append(self, rows: FloatArray, part: int, form: bool, variance: FloatArray) -> None:
+    def _append(
+        self, rows: FloatArray, products: Products, part: int, form: bool, variance: FloatArray
+    ) -> None:
         k, extra = len(self.rows), len(rows)
-        every = np.concatenate([self.rows, rows])
-        new = self.bands.gram(rows, every)
         gram = np.empty((len(self.bands), k + extra, k + extra))
         gram[:, :k, :k] = self.gram
-        gram[:, k:, :] = new
-        gram[:, :k, k:] = np.swapaxes(new[:, :, :k], 1, 2)
-        self.rows, self.gram = every, gram
-        self.against = np.hstack([self.against, _products(self.bands, rows, self.measured)])
+        gram[:, k:, :k], gram[:, k:, k:] = products.cross, products.own
+        gram[:, :k, k:] = np.swapaxes(products.cross, 1, 2)
+        self.rows, self.gram = np.concatenate([self.rows, rows]), gram
+        self.against = np.hstack([self.against, self.bands.along(rows, self.measured)])
         self.owner = np.append(self.owner, np.full(extra, part))
         self.form = np.append(self.form, np.full(extra, form))
         self.variance = np.append(self.variance, variance)
@@ -324,7 +360,7 @@ class Fit:
 
     def reshape(self, part: int, term: Term) -> None:
         """Give a cause another shape."""
-        rows, scale = scaled_rows(self.bands, term_columns(term, self.record))
+        rows, scale = term_rows(term, self.record, self.bands)
         places = np.flatnonzero((self.owner == part) & ~self.form)
         linear = self.coefficients[places] / self.parts[part].scale
         # copies of this fit share its arrays
@@ -333,7 +369,7 @@ class Fit:
         new = self.bands.gram(rows, self.rows)
         self.gram[:, places, :] = new
         self.gram[:, :, places] = np.swapaxes(new, 1, 2)
-        self.against[:, places] = _products(self.bands, rows, self.measured)
+        self.against[:, places] = self.bands.along(rows, self.measured)
         self.coefficients = self.coefficients.copy()
         self.coefficients[places] = linear * scale
         self.parts[part].term, self.parts[part].scale = term, scale
@@ -465,7 +501,7 @@ class Fit:
         """Return a fit with the same parts and coefficients of another measurement."""
         new = self.copy()
         new.measured, new.power = measured, self.bands.power(measured)
-        new.against = _products(self.bands, self.rows, measured)
+        new.against = self.bands.along(self.rows, measured)
         return new
 
     def without_view(self, part: int) -> Fit:
@@ -531,14 +567,6 @@ class Fit:
         return replace(self, parts=[replace(part) for part in self.parts])
 
 
-def _products(bands: Bands, rows: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the products of rows with another one in each band, shape (n_bands, k)."""
-    out = np.empty((len(bands), len(rows)))
-    for k, row in enumerate(rows):
-        out[:, k] = np.add.reduceat(row * other, bands.edges[:-1])
-    return out
-
-
 def response_of(record: Record, bands: Bands) -> FloatArray:
     """Return the transform of the torque less the fixed one, both at the times of the torque."""
     return np.asarray(torque_of(record, bands) - fixed_of(record, bands))
@@ -547,21 +575,44 @@ def response_of(record: Record, bands: Bands) -> FloatArray:
 def torque_of(record: Record, bands: Bands) -> FloatArray:
     """Return the transform of the measured torque."""
     torque = np.where(record.valid, record.torque_nm, 0.0)
-    return np.asarray(bands.transform(torque[:, None], measured=True)[0])
+    key = ("torque", bands.low_pass, bands.size)
+    return record.remembered(key, lambda: bands.transform(torque[:, None], measured=True)[0])
 
 
 def fixed_of(record: Record, bands: Bands) -> FloatArray:
     """Return the transform of what the channel makes of the fixed torque."""
+    return record.remembered(
+        ("fixed", bands.low_pass, bands.size), lambda: _fixed_of(record, bands)
+    )
+
+
+def _fixed_of(record: Record, bands: Bands) -> FloatArray:
     fixed, load = record.fixed_nm, record.motion.load_torque_nm
-    behind = np.zeros(len(record))
-    if record.logged_nm is not None and load is not None:
-        fixed, behind = fixed - record.load * load, record.logged_nm
-    fixed, behind = (np.nan_to_num(x)[:, None] for x in (fixed, behind))
-    return np.asarray((bands.transform(fixed) + bands.transform(behind, measured=True))[0])
+    if record.logged_nm is None or load is None:
+        return np.asarray(bands.transform(np.nan_to_num(fixed)[:, None])[0])
+    ahead, behind = (np.nan_to_num(x) for x in (fixed - record.load * load, record.logged_nm))
+    rows = bands.transform(ahead[:, None]) + bands.transform(behind[:, None], measured=True)
+    return np.asarray(rows[0])
 
 
 def scaled_rows(bands: Bands, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the transform of columns divided by their root mean square, and that."""
-    scale = np.sqrt(np.einsum("nk,nk->k", columns, columns) / len(columns))
-    scale = np.where(scale > 0.0, scale, 1.0)
+    scale = _sizes(columns)
     return bands.transform(columns) / scale[:, None], scale
+
+
+def term_rows(term: Term, record: Record, bands: Bands) -> tuple[FloatArray, FloatArray]:
+    """Return the same of the columns of a term, which are asked for again and again."""
+    key = (term.name, term.cause.columns, *term.shape.items())
+    scale = record.remembered(("scale", *key), lambda: _sizes(term_columns(term, record)))
+    rows = record.remembered(
+        (bands.low_pass, bands.size, *key),
+        lambda: bands.transform(term_columns(term, record)) / scale[:, None],
+    )
+    return rows, scale
+
+
+def _sizes(columns: FloatArray) -> FloatArray:
+    """Return the root mean square of columns, 1 for empty ones."""
+    size = np.sqrt(np.einsum("nk,nk->k", columns, columns) / len(columns))
+    return np.where(size > 0.0, size, 1.0)

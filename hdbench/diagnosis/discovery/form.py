@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.fit import Fit, Part
+from hdbench.diagnosis.discovery.fit import Fit, Part, Products
 from hdbench.diagnosis.discovery.moments import inverse, quick_likelihood, solve
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.tables import is_table
@@ -188,11 +188,13 @@ def _plain_laws(record: Record) -> FloatArray:
 
 def _delayed(record: Record, torque: FloatArray) -> list[FloatArray]:
     """Return what leads to a torque behind, and ahead of, the filters of a channel."""
+    from scipy.signal import lfilter
+
     out = []
     for lag in _LAGS_S:
-        kept = np.full(len(torque), np.exp(-record.period_s / lag))
+        kept = float(np.exp(-record.period_s / lag))
         for way in (1, -1):
-            behind = first_order(kept, (1.0 - kept) * torque[::way])[::way]
+            behind = lfilter((1.0 - kept,), (1.0, -kept), torque[::way])[::way]
             out.append(_DELAY_S / lag / SCALES[-1] * (behind - torque))
     return out
 
@@ -229,11 +231,11 @@ def _other_shapes(term: Term, record: Record) -> list[Term]:
     return out
 
 
-def form_rows(fit: Fit, part: int) -> FloatArray:
-    """Return the leading directions of form error of a part, rows per unit of the form scale.
+def form_rows(fit: Fit, part: int) -> tuple[FloatArray, Products]:
+    """Return the leading directions of form error of a part, per unit of the form scale.
 
-    Directions are orthogonal in the noise of the fit; those that the largest scale would not show
-    are left out.
+    As rows and their products. Directions are orthogonal in the noise of the fit; those that the
+    largest scale would not show are left out.
     """
     held = fit.parts[part]
     record = fit.record
@@ -246,10 +248,10 @@ def form_rows(fit: Fit, part: int) -> FloatArray:
         torque = np.where(motion.valid, motion.inertia_nm_s2 * motion.acceleration_rad_s2, 0.0)
         torque = np.where(np.isfinite(torque), torque, 0.0)
         directions = _directions(record, torque[:, None], np.ones(1), False, None)
+    elif not held.name.startswith("ripple"):
+        directions = np.zeros((0, len(record)))
     else:
         places = [i for i, n in enumerate(record.names) if n.startswith(f"{held.name}:")]
-        if not held.name.startswith("ripple"):
-            return np.zeros((0, fit.bands.size))
         columns, linear = record.columns[:, places], fit.linear(part)
         directions = _directions(record, columns, linear, True, None)
         order = float(held.name.partition(":")[2])
@@ -257,14 +259,11 @@ def form_rows(fit: Fit, part: int) -> FloatArray:
         cosine, sine = columns[:, ::2], columns[:, 1::2]
         turned = sine @ linear[::2] - cosine @ linear[1::2]
         directions = np.vstack([directions, order * fast * turned / SCALES[-1]])
-    if not len(directions):
-        return np.zeros((0, fit.bands.size))
-    rows = fit.bands.transform(directions.T)
-    beside = fit.beside()
-    matrix, _ = beside.project(rows)
-    value, vector = np.linalg.eigh(matrix)
-    seen = np.flatnonzero(value * SCALES[-1] ** 2 > _SEEN)[::-1][:_MOST]
-    return np.asarray(vector[:, seen].T @ rows)
+    rows, beside = fit.bands.transform(directions.T), fit.beside()
+    products = beside.products(rows)
+    value, vector = np.linalg.eigh(beside.projected(products)[0])
+    seen = vector[:, np.flatnonzero(value * SCALES[-1] ** 2 > _SEEN)[::-1][:_MOST]]
+    return seen.T @ rows, products.mixed(seen)
 
 
 def formed_share(fit: Fit, part: int) -> float:
@@ -314,9 +313,9 @@ def attach_forms(fit: Fit, *, idle: bool = False) -> None:
             own = np.linalg.pinv(covariance[np.ix_(flat, flat)], hermitian=True)
             if float(fit.coefficients[flat] @ own @ fit.coefficients[flat]) < STRONG:
                 continue
-        rows = form_rows(fit, index)
+        rows, products = form_rows(fit, index)
         if len(rows):
-            fit.add_form(index, rows)
+            fit.add_form(index, rows, products)
             part.form_scale = part.form_scale or usual_scale(part)
     if len(fit.rows) > before:
         fit.settle(1)

@@ -495,8 +495,7 @@ def _line_beside(
     """Return the statistic of one line with an envelope beside a fit, and its directions."""
     wave = _pair(place * scan.phase_rad)
     rows, _ = scaled_rows(beside.bands, np.hstack([envelope * wave[:, :1], envelope * wave[:, 1:]]))
-    before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
-    return explained(*beside.project(rows), before)
+    return explained(*beside.projected(beside.products(rows)))
 
 
 def _enveloped(scan: Scan, axis: Axis, hats: FloatArray, levels: list[FloatArray]) -> Cause:

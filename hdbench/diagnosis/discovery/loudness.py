@@ -56,8 +56,9 @@ def loudness(bands: Bands, torque: FloatArray, left: FloatArray, power: FloatArr
 def loudness_beside(beside: Beside, rows: FloatArray, amount: FloatArray) -> float:
     """Return the loudness where a candidate acts, fitted beside a fit."""
     cross = beside.factor @ (beside.rows @ (rows * beside.whitening).T)
-    own = amount @ rows - (beside.factor.T @ (cross @ amount)) @ beside.rows
-    left = beside.residual - own - (beside.factor.T @ beside.free) @ beside.rows
+    both = np.stack([cross @ amount, beside.free]) @ beside.factor @ beside.rows
+    own = amount @ rows - both[0]
+    left = beside.residual - own - both[1]
     return loudness(beside.bands, own, left, beside.spectrum.power)
 
 

@@ -8,7 +8,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from hdbench.diagnosis.discovery.dictionary import explained, own_directions
-from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
+from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows, term_rows
 from hdbench.diagnosis.discovery.loudness import loudness_beside
 from hdbench.diagnosis.discovery.moments import solve_best
 from hdbench.diagnosis.discovery.record import Record
@@ -25,7 +25,6 @@ from hdbench.diagnosis.discovery.term import (
     moved_term,
     smooth_shapes,
     tangent_columns,
-    term_columns,
 )
 from hdbench.diagnosis.evidence import PASSED
 from hdbench.model import shape_bounds
@@ -109,13 +108,12 @@ def candidate_of(
     beside: Beside, record: Record, term: Term, trials: float, false_alarm: float
 ) -> Candidate:
     """Return a term as it is beside a fit."""
-    rows, scale = scaled_rows(beside.bands, term_columns(term, record))
+    rows, scale = term_rows(term, record, beside.bands)
     if float(np.sum(rows**2, axis=1).max()) < PASSED * len(record):
         # of what the channel holds back its ends alone are seen
         none = np.zeros(len(rows))
         return Candidate(term, rows, scale, 0.0, 0, none, trials, false_alarm)
-    matrix, right = beside.project(rows)
-    before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
+    matrix, right, before = beside.projected(beside.products(rows))
     if is_whole_share(term.cause):
         value = float(scale[0])
         gain = 2.0 * value * float(right[0]) - value**2 * float(matrix[0, 0])
@@ -146,8 +144,7 @@ def candidate_of_rows(
     beside: Beside, term: Term, rows: FloatArray, scale: FloatArray, trials: float, chance: float
 ) -> Candidate:
     """Return a term of which only some rows speak for its name."""
-    matrix, right = beside.project(rows)
-    before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
+    matrix, right, before = beside.projected(beside.products(rows))
     statistic, dof = explained(matrix, right, before)
     linear = np.linalg.lstsq(matrix, right, rcond=1e-9)[0] / scale
     return Candidate(term, rows, scale, statistic, dof, linear, trials, chance)
@@ -279,17 +276,15 @@ def gain_of(
     beside: Beside, rows: FloatArray, shapes: Shapes, base: float, moving: bool = False
 ) -> float:
     """Return the log likelihood that rows gain with coefficients and noise fitted anew, nats."""
-    matrix = beside.project(rows)[0]
-    own, dof = own_directions(matrix, np.einsum("kn,kn->k", rows * beside.whitening, rows))
+    products = beside.products(rows)
+    matrix, _, before = beside.projected(products)
+    own, dof = own_directions(matrix, before)
     if not dof:
         return 0.0
     if dof < len(rows):
-        rows = own.T @ rows
-    cross = beside.bands.gram(rows, beside.rows)[:, :, beside.kept]
-    own = beside.bands.gram(rows, rows)
-    edges = beside.bands.edges[:-1]
-    right = np.stack([np.add.reduceat(row * beside.residual, edges) for row in rows], 1)
-    moments = beside.moments.enlarged(cross, own, right, moving)
+        products = products.mixed(own)
+    cross = products.cross[:, :, beside.kept]
+    moments = beside.moments.enlarged(cross, products.own, products.right, moving)
     return solve_best(moments, shapes, beside.spectrum).likelihood - base
 
 
@@ -339,8 +334,7 @@ def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> fl
 
 def _table_evidence(beside: Beside, found: Candidate, statistic: float) -> float:
     """Return the evidence of a table: any simpler function that it holds is as likely as all."""
-    matrix, right = beside.project(found.rows)
-    before = np.einsum("kn,kn->k", found.rows * beside.whitening, found.rows)
+    matrix, right, before = beside.projected(beside.products(found.rows))
     ratio = statistic / found.statistic
     scores = [log_evidence(statistic, found.dof)]
     for subset in subsets_of(found.term.cause):

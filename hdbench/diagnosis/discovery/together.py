@@ -165,11 +165,9 @@ def _own_sizes(fit: Fit, part: int, kind: str) -> _Own:
             own[:, at] = rows[:, at]
         rows, scale = split.reshape(-1, rows.shape[1]), np.tile(scale, len(pieces))
     beside = fit.beside(part)
+    products = beside.products(rows)
     moments = beside.moments.enlarged(
-        fit.bands.gram(rows, beside.rows)[:, :, beside.kept],
-        fit.bands.gram(rows, rows),
-        np.stack([np.add.reduceat(r * beside.residual, fit.bands.edges[:-1]) for r in rows], 1),
-        fit.parts[part].moving,
+        products.cross[:, :, beside.kept], products.own, products.right, fit.parts[part].moving
     )
     solved = solve_best(moments, fit.shapes, fit.spectrum)
     count = len(rows)
