@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -326,8 +327,8 @@ class Bands:
     def gram(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return the products of rows in each band, shape (n_bands, n_one, n_other)."""
         out = np.empty((len(self), len(one), len(other)))
-        for k, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
-            out[k] = one[:, a:b] @ other[:, a:b].T
+        for own, (a, b) in zip(out, pairwise(self.edges.tolist()), strict=True):
+            np.matmul(one[:, a:b], other[:, a:b].T, out=own)
         return out
 
     def along(self, rows: FloatArray, row: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -234,32 +235,41 @@ def _sums(
         weighted = bands.inverse(one.residual * bands.spread(1.0 / one.noise))
         weighted = np.where(one.record.motion.valid, weighted, 0.0)
         transform = scan.whole[at] if whole else part.transform
-        norm = line_norms(one, part, np.ones((1, len(weighted))))[0]
+        norm = line_norms(one, part, (), partial(np.ones, (1, len(weighted))))[0]
         sums.append(transform(weighted))
         norms.append(np.interp(transform.grid, part.transform.grid, norm) if whole else norm)
     return sums, norms
 
 
-def line_norms(glance: Glance, scan: Scan, shares: FloatArray) -> FloatArray:
+def line_norms(
+    glance: Glance, scan: Scan, name: tuple[str, ...], shares: Callable[[], FloatArray]
+) -> FloatArray:
     """Return the information on a line at each point of a scan, samples weighed by their shares.
 
     A line stands at its rate times the order in each sample; above half the sampling rate it is
-    folded back. `shares` has a row for each weighing, shape (m, n_samples), and so has the result.
+    folded back. `shares` makes a row for each weighing of this name, shape (m, n_samples), and the
+    result has one for each, too.
     """
     bands, period = glance.bands, glance.record.period_s
     places = np.arange(bands.size) / (2.0 * bands.length * period)
     seen = bands.spread(1.0 / glance.noise) * bands.passed**2
-    # the noise is even in samples, whatever their stamps say
-    rate = np.abs(np.gradient(scan.phase_rad)) / (2.0 * np.pi * period)
-    used = glance.record.valid
-    edges = np.histogram_bin_edges(rate[used], _RATES)
-    place = np.clip(np.searchsorted(edges, rate[used], side="right") - 1, 0, _RATES - 1)
-    fade = bands.fade[used] ** 2
-    counts = [np.bincount(place, share[used] * fade, _RATES) for share in shares]
+
+    def counted() -> FloatArray:
+        """Return the rates that are told apart, and how much of each weighing stands at each."""
+        # the noise is even in samples, whatever their stamps say
+        rate = np.abs(np.gradient(scan.phase_rad)) / (2.0 * np.pi * period)
+        used = glance.record.valid
+        edges = np.histogram_bin_edges(rate[used], _RATES)
+        place = np.clip(np.searchsorted(edges, rate[used], side="right") - 1, 0, _RATES - 1)
+        fade = bands.fade[used] ** 2
+        counts = [np.bincount(place, share[used] * fade, _RATES) for share in shares()]
+        return np.array([0.5 * (edges[1:] + edges[:-1]), *counts])
+
+    rates, *counts = glance.record.remembered(("rates", scan.domain, *name), counted)
     nyquist = 0.5 / period
     grid = scan.transform.grid
     few = grid[:: max(1, len(grid) // _NORM_POINTS)]
-    at = np.outer(0.5 * (edges[1:] + edges[:-1]), few)
+    at = np.outer(rates, few)
     folded = np.abs((at + nyquist) % (2.0 * nyquist) - nyquist)
     norms = 0.5 * np.array(counts) @ np.interp(folded, places, seen, right=0.0)
     least = np.maximum(_LEAKS * norms.max(axis=1), 1e-300)
@@ -439,18 +449,19 @@ def modulated_looks(fit: Fit, beside: Beside, scans: tuple[Scan, ...]) -> list[L
     found = []
     for scan, axis in pairs:
         count = _TURN_KNOTS if axis.period else _ENVELOPE_KNOTS
-        hats = axis.hats(count)
+        hats = fit.record.remembered(("hats", axis.domain), partial(axis.hats, count))
+        levels = axis.levels(count)
         waves = np.stack([scan.transform(weighted * hat) for hat in hats.T])
-        mixes = [*axis.levels(count), np.eye(hats.shape[1])]
+        mixes = [*levels, np.eye(hats.shape[1])]
         envelopes = [hats @ mix for mix in mixes]
-        norms = line_norms(glance, scan, np.hstack(envelopes).T ** 2)
+        norms = line_norms(glance, scan, (axis.domain,), partial(_squares_of, envelopes))
         ends = np.cumsum([mix.shape[1] for mix in mixes])[:-1]
         tried = [
             (envelope, *_strongest(envelope, norm, mix.T @ waves))
             for envelope, norm, mix in zip(envelopes, np.split(norms, ends), mixes, strict=True)
         ]
         envelope, statistic, dof = max(tried, key=lambda one: one[1].max() - 4.0 * one[2])
-        cause, places = _enveloped(scan, axis, hats, axis.levels(count)), max(2.0, scan.density)
+        cause, places = _enveloped(scan, axis, hats, levels), max(2.0, scan.density)
         # a slow line is not what its cell says: beside the fit the best two are held anew
         near = [
             (*_line_beside(beside, scan, place, envelope), place)
@@ -461,6 +472,10 @@ def modulated_looks(fit: Fit, beside: Beside, scans: tuple[Scan, ...]) -> list[L
         term = Term(cause, {cause.shape[0].name: place})
         found.append(Look(term, value, dof, places, min(1.0, chance)))
     return found
+
+
+def _squares_of(envelopes: list[FloatArray]) -> FloatArray:
+    return np.hstack(envelopes).T ** 2
 
 
 def _strongest(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hdbench.diagnosis.discovery.bands import Bands
-from hdbench.diagnosis.discovery.fit import Beside, Fit
+from hdbench.diagnosis.discovery.fit import Beside, Fit, Products
 from hdbench.records.trace import FloatArray
 
 # stretches into which a record is cut: what is left may be loud in short ones or drift over long
@@ -53,13 +53,15 @@ def loudness(bands: Bands, torque: FloatArray, left: FloatArray, power: FloatArr
     return min(found, _LOUDEST)
 
 
-def loudness_beside(beside: Beside, rows: FloatArray, amount: FloatArray) -> float:
+def loudness_beside(
+    beside: Beside, rows: FloatArray, products: Products, amount: FloatArray
+) -> float:
     """Return the loudness where a candidate acts, fitted beside a fit."""
-    cross = beside.factor @ (beside.rows @ (rows * beside.whitening).T)
-    both = np.stack([cross @ amount, beside.free]) @ beside.factor @ beside.rows
-    own = amount @ rows - both[0]
-    left = beside.residual - own - both[1]
-    return loudness(beside.bands, own, left, beside.spectrum.power)
+    power = beside.spectrum.power
+    cross = beside.factor @ (amount @ np.tensordot(1.0 / power, products.cross, 1))
+    taken, others = np.stack([cross, beside.free]) @ beside.factor @ beside.rows
+    own = amount @ rows - taken
+    return loudness(beside.bands, own, beside.residual - own - others, power)
 
 
 def loudness_of(fit: Fit, parts: list[int]) -> float:

@@ -8,7 +8,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from hdbench.diagnosis.discovery.dictionary import explained, own_directions
-from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows, term_rows
+from hdbench.diagnosis.discovery.fit import Beside, Fit, Products, scaled_rows, term_rows
 from hdbench.diagnosis.discovery.loudness import loudness_beside
 from hdbench.diagnosis.discovery.moments import solve_best
 from hdbench.diagnosis.discovery.record import Record
@@ -258,30 +258,32 @@ def weighed(
     """Return a candidate with its evidence: the noise is fitted again with it."""
     if found.statistic <= 0.0 and not is_whole_share(found.term.cause):
         return replace(found, gain_nats=0.0, evidence_nats=-np.inf)
+    products = beside.products(found.rows)
     if is_whole_share(found.term.cause):
         gain = speaks = _gain_of_torque(beside, found.scale @ found.rows, shapes, base)
     else:
         moving = follows_motion(found.term.cause)
-        gain = speaks = gain_of(beside, found.rows, shapes, base, moving)
+        gain = speaks = gain_of(beside, products, shapes, base, moving)
         parts = harmonics(found.term.cause)
         if _is_sine(found, parts):
-            speaks = gain_of(beside, found.rows[parts[0]], shapes, base, moving)
-    loud = loudness_beside(beside, found.rows, found.linear * found.scale)
+            first = products.mixed(np.eye(len(found.rows))[:, parts[0]])
+            speaks = gain_of(beside, first, shapes, base, moving)
+    loud = loudness_beside(beside, found.rows, products, found.linear * found.scale)
     statistic = 2.0 * max(speaks, 0.0) / loud
-    evidence = amplitude_evidence(beside, found, statistic) - price(beside, record, found)
+    evidence = amplitude_evidence(beside, found, products, statistic)
+    evidence -= price(beside, record, found)
     return replace(found, gain_nats=gain / loud, evidence_nats=evidence, loud=loud)
 
 
 def gain_of(
-    beside: Beside, rows: FloatArray, shapes: Shapes, base: float, moving: bool = False
+    beside: Beside, products: Products, shapes: Shapes, base: float, moving: bool = False
 ) -> float:
     """Return the log likelihood that rows gain with coefficients and noise fitted anew, nats."""
-    products = beside.products(rows)
     matrix, _, before = beside.projected(products)
     own, dof = own_directions(matrix, before)
     if not dof:
         return 0.0
-    if dof < len(rows):
+    if dof < len(own):
         products = products.mixed(own)
     cross = products.cross[:, :, beside.kept]
     moments = beside.moments.enlarged(cross, products.own, products.right, moving)
@@ -308,19 +310,21 @@ def log_evidence(statistic: float, dof: int) -> float:
     return 0.5 * statistic * g / (1.0 + g) - 0.5 * dof * float(np.log1p(g))
 
 
-def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> float:
+def amplitude_evidence(
+    beside: Beside, found: Candidate, products: Products, statistic: float
+) -> float:
     """Return the evidence of the amplitudes; of harmonics any subset is as likely as any other."""
     parts = harmonics(found.term.cause)
     if is_whole_share(found.term.cause):
         return 0.5 * statistic
     if is_table(found.term.cause) and found.statistic > 0.0:
-        return _table_evidence(beside, found, statistic)
+        return _table_evidence(beside, found, products, statistic)
     sine = _is_sine(found, parts)
     if len(parts) < 2 or found.statistic <= 0.0 or sine:
         return log_evidence(statistic, found.dof) - (
             float(np.log(2 ** (len(parts) - 1))) if sine else 0.0
         )
-    matrix, right = beside.project(found.rows)
+    matrix, right, _ = beside.projected(products)
     ratio = statistic / found.statistic
     scores = []
     for some in chain.from_iterable(combinations(parts, n + 1) for n in range(len(parts))):
@@ -332,9 +336,11 @@ def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> fl
     return float(np.logaddexp.reduce(scores)) - float(np.log(len(scores)))
 
 
-def _table_evidence(beside: Beside, found: Candidate, statistic: float) -> float:
+def _table_evidence(
+    beside: Beside, found: Candidate, products: Products, statistic: float
+) -> float:
     """Return the evidence of a table: any simpler function that it holds is as likely as all."""
-    matrix, right, before = beside.projected(beside.products(found.rows))
+    matrix, right, before = beside.projected(products)
     ratio = statistic / found.statistic
     scores = [log_evidence(statistic, found.dof)]
     for subset in subsets_of(found.term.cause):

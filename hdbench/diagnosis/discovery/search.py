@@ -484,13 +484,13 @@ class Search:
         """
         fit = self.fit
         while len(fit.causes()) > most:
-            worst, least = None, needed
             impossible = impossible_parts(fit)
-            for part in fit.causes():
-                gone = part in impossible or self._merged(part)
+            gone = [part for part in fit.causes() if part in impossible or self._merged(part)]
+            worst, least = (gone[0], -np.inf) if gone else (None, needed)
+            for part in () if gone else fit.causes():
                 cost = 0.0 if _has_place(fit.term(part)) else named
-                value = -np.inf if gone else self.evidence_of(part) - cost
-                if value < least and not gone:
+                value = self.evidence_of(part) - cost
+                if value < least:
                     # a name has its form error with it, which its evidence alone leaves out
                     value = max(value, self.lost_without(part) - cost)
                 if value < least:
@@ -736,25 +736,18 @@ def pair_of(
     one, other = (candidate_of(beside, fit.record, x.term, x.trials, 1.0) for x in pair)
     rows = np.concatenate([one.rows, other.rows])
     scale = np.concatenate([one.scale, other.scale])
-    matrix, right = beside.project(rows)
+    products = beside.products(rows)
+    matrix, right, _ = beside.projected(products)
     amount = np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
-    joint = replace(
-        one,
-        rows=rows,
-        scale=scale,
-        linear=amount / scale,
-        dof=len(rows),
-        statistic=float(amount @ right),
-    )
-    moving = any(follows_motion(x.term.cause) for x in pair)
-    loud = loudness_beside(beside, joint.rows, np.asarray(amount, dtype=np.float64))
-    gain = gain_of(beside, joint.rows, fit.shapes, base, moving) / loud
+    linear = amount / scale
     k = len(one.rows)
-    one = replace(one, linear=joint.linear[:k])
-    other = replace(other, linear=joint.linear[k:])
+    one, other = replace(one, linear=linear[:k]), replace(other, linear=linear[k:])
     parameters = (*one.term.cause.linear, *other.term.cause.linear)
-    if not all(p.contains(float(x)) for p, x in zip(parameters, joint.linear, strict=True)):
-        gain = 0.0
+    gain, loud = 0.0, 1.0
+    if all(p.contains(float(x)) for p, x in zip(parameters, linear, strict=True)):
+        moving = any(follows_motion(x.term.cause) for x in pair)
+        loud = loudness_beside(beside, rows, products, np.asarray(amount, dtype=np.float64))
+        gain = gain_of(beside, products, fit.shapes, base, moving) / loud
     evidence = log_evidence(2.0 * max(gain, 0.0), len(rows)) - SECOND_PRICE
     evidence -= price(beside, fit.record, one) + price(beside, fit.record, other)
     return (
