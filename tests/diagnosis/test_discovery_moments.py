@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from discovery_records import fitted, swinging
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
@@ -63,6 +64,36 @@ def test_enlarged_moments_are_those_of_all_columns(case):
     more = few.enlarged(banded(rows[3:], rows[:3]), banded(rows[3:], rows[3:]), right)
     start = np.concatenate([coefficients[:3], [0.0, 0.0]])
     same(more, moments_of(rows, measured, start, np.zeros(5)))
+
+
+@pytest.mark.parametrize("dropped", [[], [1], [0, 3]])
+def test_moments_of_some_rows_of_a_fit_are_those_of_a_fit_without_the_others(dropped):
+    fit = fitted(swinging(3000))
+    kept = np.setdiff1d(np.arange(len(fit.rows)), dropped)
+    few = fit.copy()
+    few.keep(np.isin(np.arange(len(fit.rows)), kept))
+    same(fit.moments(kept), few.moments())
+
+
+def test_products_of_sums_of_rows_are_sums_of_products():
+    beside = fitted(swinging(3000)).beside()
+    rng = np.random.default_rng(5)
+    rows, mix = rng.standard_normal((4, beside.bands.size)), rng.standard_normal((4, 2))
+    found, wanted = beside.products(rows).mixed(mix), beside.products(mix.T @ rows)
+    for name in ("cross", "own", "right"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-9)
+
+
+def test_a_row_beside_a_fit_is_what_weighted_least_squares_leave_of_it():
+    fit = fitted(swinging(3000))
+    without = fit.beside(0)
+    row, white = fit.rows[:1], np.sqrt(without.whitening)
+    others = (fit.rows[fit.owner != 0] * white).T
+    left = row[0] * white - others @ np.linalg.lstsq(others, row[0] * white, rcond=None)[0]
+    information, right = without.project(row)
+    # the misalignment has a prior, and all have a ridge
+    assert information[0, 0] == pytest.approx(left @ left, rel=1e-4)
+    assert right[0] == pytest.approx(left @ (without.residual * white), rel=0.01)
 
 
 def test_the_solution_is_that_of_weighted_least_squares(case):
