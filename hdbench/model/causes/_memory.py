@@ -152,24 +152,25 @@ def plays(torque: FloatArray, radius: FloatArray, starts: NDArray[np.bool_]) -> 
 
     Each is moved no farther than needed to lie within its radius of the torque; at a start it is
     the torque. Moving no farther than needed is a clamp, and clamps in a row are a clamp: blocks of
-    samples are advanced side by side with the clamp so far, and what a block inherits is clamped
-    afterwards.
+    samples are advanced side by side, first with the clamp so far, which says what each block
+    inherits, then with that.
     """
     n = len(torque)
     length = max(1, math.isqrt(n))
     x, width = _blocks(torque, length), np.where(_blocks(starts, length), 0.0, 1.0)
-    total = np.zeros_like(x)
-    low, high = np.empty_like(x), np.empty_like(x)
-    for half in radius.tolist():
-        bottom, top = x - half * width, x + half * width
-        least, most = np.full(x.shape[1], -np.inf), np.full(x.shape[1], np.inf)
-        for i in range(length):
-            low[i] = least = np.minimum(np.maximum(least, bottom[i]), top[i])
-            high[i] = most = np.minimum(np.maximum(most, bottom[i]), top[i])
-        carried = [float(torque[0]) if n else 0.0]
-        for least_of, most_of in zip(low[-1].tolist(), high[-1].tolist(), strict=True):
-            carried.append(min(max(carried[-1], least_of), most_of))
-        total += np.minimum(np.maximum(carried[:-1], low), high)
+    half, count = radius[:, None], x.shape[1]
+    least, most = np.full((len(radius), count), -np.inf), np.full((len(radius), count), np.inf)
+    for at, wide in zip(x, width, strict=True):
+        bottom, top = at - half * wide, at + half * wide
+        least = np.minimum(np.maximum(least, bottom), top)
+        most = np.minimum(np.maximum(most, bottom), top)
+    held = np.full((len(radius), count), torque[0] if n else 0.0)
+    for k in range(1, count):
+        held[:, k] = np.minimum(np.maximum(held[:, k - 1], least[:, k - 1]), most[:, k - 1])
+    total = np.empty_like(x)
+    for k, (at, wide) in enumerate(zip(x, width, strict=True)):
+        held = np.minimum(np.maximum(held, at - half * wide), at + half * wide)
+        total[k] = held.sum(axis=0)
     return np.asarray(total.T.reshape(-1)[:n])
 
 
