@@ -289,10 +289,8 @@ class Fit:
     ) -> int:
         """Add a part with its rows; `variance` is that of the prior, (N m)^2."""
         self.parts.append(Part(name, term, scale))
-        products = Products(
-            self.bands.gram(rows, self.rows), self.bands.gram(rows, rows), np.zeros(0)
-        )
-        self._append(rows, products, len(self.parts) - 1, False, variance * scale**2)
+        cross, own = self.bands.gram(rows, self.rows), self.bands.gram(rows, rows)
+        self._append(rows, cross, own, len(self.parts) - 1, variance * scale**2)
         return len(self.parts) - 1
 
     def add_term(self, term: Term) -> int:
@@ -302,7 +300,7 @@ class Fit:
 
     def add_form(self, part: int, rows: FloatArray, products: Products) -> None:
         """Give a part directions in which its form may differ; rows per unit of the form scale."""
-        self._append(rows, products, part, True, np.ones(len(rows)))
+        self._append(rows, products.cross, products.own, part, np.ones(len(rows)), form=True)
         self.parts[part].form_size_nm = self.size_nm(part)
 
     def rescale_forms(self) -> None:
@@ -317,13 +315,21 @@ class Fit:
         self.variance = self.variance * ratio**2
 
     def _append(
-        self, rows: FloatArray, products: Products, part: int, form: bool, variance: FloatArray
+        self,
+        rows: FloatArray,
+        cross: FloatArray,
+        own: FloatArray,
+        part: int,
+        variance: FloatArray,
+        *,
+        form: bool = False,
     ) -> None:
+        """Add rows with their products with those of the fit and with each other."""
         k, extra = len(self.rows), len(rows)
         gram = np.empty((len(self.bands), k + extra, k + extra))
         gram[:, :k, :k] = self.gram
-        gram[:, k:, :k], gram[:, k:, k:] = products.cross, products.own
-        gram[:, :k, k:] = np.swapaxes(products.cross, 1, 2)
+        gram[:, k:, :k], gram[:, k:, k:] = cross, own
+        gram[:, :k, k:] = np.swapaxes(cross, 1, 2)
         self.rows, self.gram = np.concatenate([self.rows, rows]), gram
         self.against = np.hstack([self.against, self.bands.along(rows, self.measured)])
         self.owner = np.append(self.owner, np.full(extra, part))
