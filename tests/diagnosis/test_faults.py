@@ -208,12 +208,16 @@ def test_torque_that_repeats_the_reading_before_is_told_and_takes_no_part(names)
     assert dict(found.left_out)["held"] > 0.8 * len(held)
 
 
-def test_rows_that_were_held_say_nothing_of_the_motion():
+@pytest.mark.parametrize("of_angles", [False, True])
+def test_rows_that_were_held_say_nothing_of_the_motion(of_angles):
     columns = bench(6000)
     at = np.arange(50, 5950, 97)
     for values in columns.values():
         if values is not columns["time_s"]:
             values[at] = values[at - 1]
+    if of_angles:
+        angle = columns["encoder_count"] * 2.0 * np.pi / 4000
+        columns["motor_velocity_rad_s"] = np.gradient(angle, columns["time_s"])
     found = inspected(columns)
     assert np.flatnonzero(found.masked).tolist() == at.tolist()
     assert dict(found.left_out) == {"held": len(at)}

@@ -8,10 +8,10 @@ from scipy.signal import butter, sosfiltfilt
 from swinging_shaft import trace_of
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.discovery.acceleration import accelerations
+from hdbench.diagnosis.discovery.acceleration import seen_acceleration
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import fixed_of
-from hdbench.diagnosis.discovery.record import on_clock, prepare_record, times_by_shaft
+from hdbench.diagnosis.discovery.record import as_followed, on_clock, prepare_record, times_by_shaft
 from hdbench.diagnosis.dynamic import make_ready, make_task
 from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile import load_profile
@@ -94,10 +94,12 @@ def test_the_torque_of_a_speed_that_ripples_is_expected(size_rad):
 
 def test_a_motion_that_the_torque_does_not_have_is_not_expected():
     trace, acceleration = rippling_speed(1.5e-3)
-    without = trace.with_columns(torque_nm=trace["torque_nm"] - 1.725e-4 * acceleration)
+    rate = 2.0 * np.pi / 9.0
+    ripple = acceleration - 40.0 * rate * np.cos(rate * trace.time_s)
+    without = trace.with_columns(torque_nm=trace["torque_nm"] - 1.725e-4 * ripple)
     no_mask = np.zeros(len(acceleration), dtype=bool)
     model = BenchModel.from_profile(PROFILE.data)
-    record = prepare_record(without, PROFILE.data, model, no_mask)
+    record = as_followed(prepare_record(without, PROFILE.data, model, no_mask))
     found, whole, missed = (
         np.abs(np.fft.rfft(np.hanning(len(one)) * one)) ** 2
         for one in (
@@ -111,6 +113,27 @@ def test_a_motion_that_the_torque_does_not_have_is_not_expected():
     fast, slow = hertz > 60.0, hertz < 20.0
     assert found[fast].sum() < 1e-3 * whole[fast].sum()
     assert missed[slow].sum() < 1e-3 * whole[slow].sum()
+
+
+def test_a_speed_that_answers_to_the_torque_tells_what_counting_hides():
+    n, rate, step = 20_000, 2.0 * np.pi / 9.0, 2.0 * np.pi / 4000
+    time = np.arange(n) * 1e-3
+    speed = 60.0 + 40.0 * np.sin(rate * time)
+    angle = 60.0 * time + 40.0 / rate * (1.0 - np.cos(rate * time))
+    phase = 4.0 * angle + 0.3
+    # the angle that 3 rad/s^2 for each N m of the ripple make, by parts: its first term is true to
+    # the change of the speed within a ripple, 1/50
+    acceleration = 30.0 * np.cos(phase)
+    moved = angle - acceleration / (4.0 * speed) ** 2
+    ripple = 10.0 * np.cos(phase)
+    counted = np.floor(moved / step) * step
+    trace = trace_of(time, np.gradient(counted, time), counted, ripple)
+    motion = replace(motion_from_trace(trace, PROFILE.data), acceleration_source="angle")
+    smooth = 40.0 * rate * np.cos(rate * time)
+    found, answer = seen_acceleration(motion, ripple, 1e-3)
+    missed = found.acceleration_rad_s2 - smooth - acceleration
+    assert missed[500:-500].std() > 0.5 * acceleration.std()
+    assert (missed + answer)[500:-500].std() < 0.2 * acceleration.std()
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.1, 0.3])
@@ -199,5 +222,6 @@ def test_counting_steps_are_no_motion(speed):
     # a step is even over its width, and its noise over all frequencies: 2000 rad/s^2, of which a
     # hundredth moves this load by .003 N m, a third of the least noise of the benchmark
     counted = step / np.sqrt(12.0) * (np.pi / 1e-3) ** 2 / np.sqrt(5.0)
-    for found in accelerations(motion, 1e-3):
-        assert found.acceleration_rad_s2[200:-200].std() < 0.01 * counted
+    found, answer = seen_acceleration(motion, 0.01 * np.cos(7.0 * angle), 1e-3)
+    for values in (found.acceleration_rad_s2, answer):
+        assert values[200:-200].std() < 0.01 * counted

@@ -6,26 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.bands import mirrored_lines, smoothed
+from hdbench.diagnosis.discovery.bands import mirrored_lines
 from hdbench.model import Motion
-from hdbench.model.localfit import MIN_HALF_WIDTH
-from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
 
 # cells of a short-time spectrum: so long, of so many samples at least, and motion where the mean of
 # nine has so many times the power of the noise
 _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
-# lines that turn with the motor are sought over so long, up to this order, from so many turns on; a
-# line has no neighbours to average: 4.5e-5 is the chance of so many times the noise's power
-_LOCKED_S, _LOCKED_ORDERS, _LOCKED_TURNS, _ONE_STANDS_OUT = 2.0, 12, 4.0, 10.0
+# the square of a sum of products without a common part is above so many times that of their squares
+# once in a hundred, where three quarters of a cell are in the next
+_AGREE = 9.0
+# a drive answers alike to frequencies within so many octaves
+_ALIKE = 0.25
 
 
-def accelerations(motion: Motion, period_s: float) -> tuple[Motion, ...]:
+def seen_acceleration(
+    motion: Motion, ripple_nm: FloatArray, period_s: float
+) -> tuple[Motion, FloatArray]:
     """Return the motion with its acceleration as far as that stands out of its channel's noise.
 
-    First all of it, then what is slower than the window over which the acceleration of a trace is
-    formed: what is faster may be no motion of the load. The motion itself where it is too short, or
-    has pauses as long as it is.
+    And how the speed answers to the ripple in the rest, rad/s^2. The motion itself where it is too
+    short, or has pauses as long as it is.
     """
     from scipy.interpolate import Akima1DInterpolator
 
@@ -34,45 +35,16 @@ def accelerations(motion: Motion, period_s: float) -> tuple[Motion, ...]:
     known = np.isfinite(values)
     count = round((time[-1] - time[0]) / period_s) + 1
     if known.sum() < 2 * _LEAST_CELL or count > 2 * len(time):
-        return (motion,)
+        return motion, np.zeros(len(time))
     ticks = time[0] + period_s * np.arange(count)
     at_ticks = Akima1DInterpolator(time[known], values[known], method="makima", extrapolate=True)
     made = _derivative(at_ticks(ticks), period_s, degree)
-    kept, noise = _standing_out(made, period_s, degree, _step_of(values[known]))
-    angle = np.interp(ticks, time[known], motion.angle_rad[known])
-    kept += _locked(made - kept, angle, period_s, degree, noise)
-    window_s = max(ACCELERATION_WINDOW_S, (2 * MIN_HALF_WIDTH + 1) * period_s)
-    slow = smoothed(kept[:, None], 2.0 * period_s / window_s)[:, 0]
-    return tuple(
-        replace(motion, acceleration_rad_s2=np.interp(time, ticks, one)) for one in (kept, slow)
+    ripple = np.interp(ticks, time, ripple_nm)
+    seen, answer = (
+        np.interp(time, ticks, one)
+        for one in _standing_out(made, ripple, period_s, degree, _step_of(values[known]))
     )
-
-
-def _locked(
-    rest: FloatArray, angle_rad: FloatArray, period_s: float, degree: int, noise: float
-) -> FloatArray:
-    """Return the lines of a derivative at whole orders of the motor that stand out of the noise.
-
-    Over a longer time than a cell they are told from lines that do not turn with the shaft.
-    """
-    from scipy.ndimage import uniform_filter1d
-    from scipy.signal import oaconvolve
-
-    width = min(round(_LOCKED_S / period_s), len(rest))
-    window = np.hanning(width + 2)[1:-1]
-    window /= window.sum()
-    turning = uniform_filter1d(np.gradient(angle_rad, period_s), width) / (2.0 * np.pi)
-    out = np.zeros(len(rest))
-    once, turned = np.exp(1j * angle_rad), np.ones(len(rest), dtype=complex)
-    for order in range(1, _LOCKED_ORDERS + 1):
-        turned *= once
-        amount = 2.0 * oaconvolve(rest * turned.conj(), window, mode="same")
-        hertz = order * np.abs(turning)
-        level = 4.0 * float(window @ window) * noise * hertz ** (2 * degree)
-        stands = (np.abs(amount) ** 2 > _ONE_STANDS_OUT * level) & (hertz < 0.5 / period_s)
-        stands &= np.abs(turning) * _LOCKED_S > _LOCKED_TURNS
-        out += np.where(stands, np.real(amount * turned), 0.0)
-    return out
+    return replace(motion, acceleration_rad_s2=seen), answer
 
 
 def _step_of(values: FloatArray) -> float:
@@ -89,33 +61,45 @@ def _step_of(values: FloatArray) -> float:
 
 
 def _standing_out(
-    fast: FloatArray, period_s: float, degree: int, step: float
-) -> tuple[FloatArray, float]:
+    fast: FloatArray, ripple_nm: FloatArray, period_s: float, degree: int, step: float
+) -> tuple[FloatArray, FloatArray]:
     """Return what of a derivative of the measured motion stands out of its channel's noise.
 
-    And that noise: variance of a sample over the frequency to twice the degree.
-
-    A cell of the short-time spectrum takes part where it stands out of the noise, which is even
-    over the frequencies of what was differentiated: a line that the speed moves is kept, the noise
-    beside it is not. Counting steps make lines, as steady as the speed: the first of their sawtooth
-    has an amplitude of the step over pi, and no line below that takes part.
+    And how it answers to the ripple of the torque in the rest. A cell of the short-time spectrum
+    takes part where it stands out of the noise, which is even over the frequencies of what was
+    differentiated: a line that the speed moves is kept, the noise beside it is not. Counting steps
+    make lines, as steady as the speed: the first of their sawtooth has an amplitude of the step
+    over pi, and no line below that takes part. The speed of a drive answers to its torque: where
+    the other cells agree on that, it says the rest.
     """
     from scipy.ndimage import uniform_filter
     from scipy.signal import ShortTimeFFT
 
     width = min(max(_LEAST_CELL, round(_CELL_S / period_s)), len(fast) // 2)
     cells = ShortTimeFFT.from_window("hann", 1.0 / period_s, width, 3 * width // 4)
+    # cells at the ends are cut: they lie outside
+    fast, ripple_nm = (np.pad(one, width, mode="edge") for one in (fast, ripple_nm))
     seen = cells.stft(fast)
-    power = np.abs(seen) ** 2 / np.maximum(cells.f, cells.f[1])[:, None] ** (2 * degree)
+    level = np.maximum(cells.f, cells.f[1])[:, None] ** (2 * degree)
     # the median of the upper octave: lines stand in few cells; that of an exponential is ln 2
-    noise = float(np.median(power[cells.f > 0.5 * cells.f[-1]])) / np.log(2.0)
+    noise = float(np.median((np.abs(seen) ** 2 / level)[cells.f > 0.5 * cells.f[-1]])) / np.log(2.0)
     # a line stands in three cells of a Hann window, a half of its power in their mean; between two
     # cells, or with the next harmonic beside it, it may have twice that
     counted = 2.0 * 0.5 * (0.5 * step / np.pi * cells.win.sum() * (2.0 * np.pi) ** degree) ** 2
-    kept = uniform_filter(power, 3) > max(_STANDS_OUT * noise, counted)
-    made = np.real(cells.istft(np.where(kept, seen, 0.0), k1=len(fast)))
-    of_steps = step**2 / 12.0 * (2.0 * np.pi) ** (2 * degree)
-    return made, max(noise / float(cells.win @ cells.win), of_steps)
+    least = max(_STANDS_OUT * noise, counted)
+    kept = np.where(uniform_filter(np.abs(seen) ** 2 / level, 3) > least, seen, 0.0)
+    asked = np.where(kept == 0.0, cells.stft(ripple_nm), 0.0)
+    # the noise grows with the frequency
+    both = seen * asked.conj() / level
+    octave = np.log2(np.maximum(cells.f, cells.f[1]))
+    beside = np.abs(octave - octave[:, None]) < _ALIKE
+    agreed, asks = (beside @ one.sum(axis=1) for one in (both, np.abs(asked) ** 2 / level))
+    answers = np.abs(agreed) ** 2 > _AGREE * (beside @ (np.abs(both) ** 2).sum(axis=1))
+    answer = asked * (np.where(answers, agreed, 0.0) / np.maximum(asks, 1e-300))[:, None]
+    alone, told = (
+        np.real(cells.istft(lines, k1=len(fast)))[width:-width] for lines in (kept, answer)
+    )
+    return alone, told
 
 
 def _derivative(values: FloatArray, period_s: float, degree: int) -> FloatArray:

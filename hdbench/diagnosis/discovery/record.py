@@ -9,8 +9,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.acceleration import accelerations
-from hdbench.diagnosis.discovery.bands import SLOW_SHARE, LowPass, make_bands, shaped, smoothed
+from hdbench.diagnosis.discovery.acceleration import seen_acceleration
+from hdbench.diagnosis.discovery.bands import (
+    Bands,
+    LowPass,
+    make_bands,
+    shaped,
+    smoothed,
+)
 from hdbench.diagnosis.discovery.baseline import BaselineChange
 from hdbench.diagnosis.evidence import GAP
 from hdbench.estimation.bandwidth import spectrum_of
@@ -31,16 +37,17 @@ _PAUSE = 0.02
 _PLAIN_BELOW, _FEW = (0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.35), 0.01
 # the misalignment of a bench that is clamped again may be this many times the model's
 _MISALIGNED = 3.0
-# the inertia of a profile is off by 30 % as a rule: half of the expected power is then there
-_LEAST_POWER = 0.5
-# memory of what is kept of a record, bytes: a search asks for most of it again
-_KEPT = 1e8
+# an acceleration ends where the rest has so little evidence: 3 nats, and 4 as one of some 55 ends
+_CUT_NATS = 7.0
+# the inertia may be so many times that of the profile
+_INERTIA = (0.5, 2.0)
 # share of the power of the angle that is the motion itself
 _MOST_OF_ANGLE = 0.99
+# memory of what is kept of a record, bytes: a search asks for most of it again
+_KEPT = 1e8
 # a sample is at least this share of a step after the one before: one that was held has no time
 _LEAST_STEP = 0.05
-# rounds in which the scatter of a shaft's steps is told from that of its channels, and the share of
-# either that a round leaves at least
+# rounds in which weights follow what they leave; share of a scatter that one of them leaves
 _ROUNDS, _QUIETEST = 4, 1e-3
 
 
@@ -88,6 +95,8 @@ class Record:
         Whether the motor angles of all records of a stack have one zero.
     logged_nm : ndarray or None
         Measured load times `load`, N m, where it was logged behind the low-pass of the torque.
+    answer_rad_s2 : ndarray or None
+        Acceleration that its channel hides and the torque tells; None once it is in the motion.
     made : dict
         What was formed last of its motion.
     """
@@ -111,6 +120,7 @@ class Record:
     added: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     referenced: bool = False
     logged_nm: FloatArray | None = None
+    answer_rad_s2: FloatArray | None = None
     made: dict[object, FloatArray] = field(init=False, repr=False, default_factory=dict)
 
     def __len__(self) -> int:
@@ -213,9 +223,9 @@ def prepare_record(
 
     An angle that is integrated from the velocity by the contract's rule lies half a sample behind
     the shaft wherever the speed changes, a velocity channel may be smoothed or late, and a logger
-    may stamp evenly what it sampled unevenly. Where the baseline fits better with the half sample
-    put back, the acceleration by the measured angle, none of it beyond 50 Hz, or the time between
-    samples by what the shaft turned, that is used.
+    may stamp evenly what it sampled unevenly. Where the torque is likelier with the half sample put
+    back, the acceleration by the measured angle, or the time between samples by what the shaft
+    turned, that is used.
     """
     torque = torque_from_trace(trace, profile)
     change = change or BaselineChange()
@@ -223,15 +233,16 @@ def prepare_record(
     period = float(np.median(np.diff(motion.time_s)))
     usable = motion.valid & np.isfinite(torque) & ~masked
     passed = _passed(motion.velocity_rad_s, torque, usable, period)
-    motions = [(one, 0.0) for one in _motions(motion)]
+    motions = [(one, np.zeros(len(torque)), 0.0) for one in _motions(motion)]
     if "expected-torque" not in change.without and passed == 1.0:
         clocks = ((motion.time_s, 0.0), times_by_shaft(motion))
+        ripple = _ripple_nm(motion, profile, torque, usable)
         motions = [
-            (replace(found, time_s=motion.time_s), jitter)
-            for (one, _), (time, jitter) in product(motions, clocks)
-            for found in accelerations(replace(one, time_s=time), period)
+            (replace(found, time_s=motion.time_s), answer, jitter)
+            for (one, *_), (time, jitter) in product(motions, clocks)
+            for found, answer in [seen_acceleration(replace(one, time_s=time), ripple, period)]
         ]
-    motion, jitter = min(motions, key=lambda one: _left_power(one[0], profile, torque, masked))
+    motion, answer, jitter = _likeliest(motions, profile, torque, usable, period)
     load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
     whole_turn = "misalignment:cosine" in names
@@ -263,6 +274,7 @@ def prepare_record(
         load,
         motion_passed=passed,
         clock_jitter=jitter,
+        answer_rad_s2=answer,
     )
 
 
@@ -290,9 +302,8 @@ def as_followed(record: Record) -> Record:
     """Return a record whose acceleration is no faster than the torque can follow.
 
     A coarse or noisy channel that is differentiated adds what grows with frequency, and above a
-    resonance the load no longer turns with the motor. Where more is expected than twice the power
-    that the torque has, the rest is none of the load's. Where that is so of the motion itself, the
-    inertia is wrong, and the acceleration stays.
+    resonance the load no longer turns with the motor. Faster than the motion itself, what makes the
+    expected torque less likely is none of the load's, and neither is what the motion hides.
     """
     motion, output = record.motion, record.motion.output_angle_rad
     bands = make_bands(record.valid, record.period_s).low_passed(record.low_pass)
@@ -301,29 +312,62 @@ def as_followed(record: Record) -> Record:
         [motion.angle_rad, motion.velocity_rad_s, np.cos(output), np.sin(output), expected]
     )
     others = np.where(motion.valid[:, None], others, 0.0)
-    torque = bands.transform((record.response_nm + others[:, -1])[:, None], measured=True)[0]
-    angle, *rows = bands.transform(others)
-    asked, turns = bands.power(rows[-1]), bands.power(angle)
+    own = bands.transform((record.response_nm + others[:, -1])[:, None], measured=True)[0]
+    angle, *rows, asked = bands.transform(others)
+    turns = bands.power(angle)
     # gravity may cancel the load of the motion itself, and a ripple that of a speed that it moves:
     # they are taken out beside that
-    last = int(np.searchsorted(np.cumsum(turns), _MOST_OF_ANGLE * turns.sum()))
-    slow = np.where(np.arange(bands.size) < bands.edges[last + 1], rows[-1], 0.0)
-    parts = (rows[-1] - slow, slow)
-    design = np.array([*bands.transform(record.columns), *rows[:-1], *parts]).T
-    amounts = np.linalg.lstsq(design.T @ design, design.T @ torque, rcond=None)[0]
-    has = bands.power(torque - design[:, :-2] @ amounts[:-2])
-    share = np.minimum(has / (_LEAST_POWER * np.maximum(asked, 1e-300)), 1.0)
-    if float(turns @ share) < 0.5 * float(turns.sum()):
-        return record
-    places = 2.0 * record.period_s * bands.frequency_hz
-    # narrow bands have little power by chance
-    share = np.where(places > SLOW_SHARE, share, 1.0)
-    if share.min() == 1.0:
-        return record
-    acceleration = shaped(motion.acceleration_rad_s2[:, None], (places, share))[:, 0]
+    most = int(np.searchsorted(np.cumsum(turns), _MOST_OF_ANGLE * turns.sum()))
+    slow = np.where(np.arange(bands.size) < bands.edges[most + 1], asked, 0.0)
+    columns = np.array([*bands.transform(record.columns), angle, *rows])
+    found = _shares(bands, own, columns, np.array([asked - slow, slow]))
+    both, asks = np.cumsum(found.both), np.cumsum(found.asks)
+    amount = np.clip(both / np.maximum(asks, 1e-300), *_INERTIA)
+    told = (2.0 * both - amount * asks) * amount
+    last = most + int(np.argmax(told[most:]))
+    acceleration = motion.acceleration_rad_s2
+    if told[last] - told[-1] > 2.0 * _CUT_NATS:
+        kept = np.where(np.arange(len(bands)) <= last, 1.0, 0.0)
+        places = 2.0 * record.period_s * bands.frequency_hz
+        acceleration = shaped(acceleration[:, None], (places, kept))[:, 0]
+    elif record.answer_rad_s2 is not None:
+        acceleration = acceleration + record.answer_rad_s2
     new = replace(motion, acceleration_rad_s2=acceleration)
     change = expected_torque_nm(new, motion.inertia_nm_s2) - expected
-    return replace(record, motion=new, fixed_nm=record.fixed_nm + change)
+    return replace(record, motion=new, fixed_nm=record.fixed_nm + change, answer_rad_s2=None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shares:
+    """How well an expected torque fits in each band, beside what acts everywhere.
+
+    Its products with the torque and with itself over the power of the noise, the amounts of the
+    rest, and twice the unlikeliness in any noise (Whittle) with the share that fits best,
+    beforehand 1(1).
+    """
+
+    both: FloatArray
+    asks: FloatArray
+    amounts: FloatArray
+    unlikeliness: float
+
+
+def _shares(bands: Bands, own: FloatArray, columns: FloatArray, parts: FloatArray) -> _Shares:
+    """Return how well a sum of rows fits another in each band."""
+    asked, power = parts.sum(axis=0), np.ones(len(bands))
+    asks = bands.power(asked)
+    for _ in range(_ROUNDS):
+        weight = bands.spread(power) ** -0.5
+        design = np.vstack([columns, parts]) * weight
+        amounts = np.linalg.lstsq(design.T, own * weight, rcond=None)[0][: len(columns)]
+        rest = own - amounts @ columns
+        variance = 1.0 / (1.0 + asks / power)
+        both = np.add.reduceat(rest * asked, bands.edges[:-1])
+        share = variance * (1.0 + both / power)
+        left = bands.power(rest - bands.spread(share) * asked) + variance * asks
+        power = np.maximum(left / bands.counts, 1e-300)
+    unlikely = bands.counts * np.log(power) + (share - 1.0) ** 2 + variance - np.log(variance)
+    return _Shares(both / power, asks / power, np.asarray(amounts), float(unlikely.sum()))
 
 
 def _sampled_lines(
@@ -406,6 +450,8 @@ def times_by_shaft(motion: Motion) -> tuple[FloatArray, float]:
 
 def _motions(motion: Motion) -> tuple[Motion, ...]:
     """Return the motion as it is, and with an angle in step or an acceleration by the angle."""
+    if motion.acceleration_source == "angle":
+        return (motion,)
     if motion.angle_source != "velocity":
         by_angle = angle_curvature(motion.time_s, motion.angle_rad)
         return motion, replace(motion, acceleration_rad_s2=by_angle, acceleration_source="angle")
@@ -416,19 +462,51 @@ def _motions(motion: Motion) -> tuple[Motion, ...]:
     return motion, replace(moved, output_angle_rad=motion.output_angle_rad + output)
 
 
-def _left_power(
-    motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
-) -> float:
-    """Return what baseline and friction leave of the torque, (N m)^2; infinite for too few."""
+def _ripple_nm(
+    motion: Motion, profile: ProfileData, torque: FloatArray, usable: NDArray[np.bool_]
+) -> FloatArray:
+    """Return the baseline of a torque beside friction, N m; 0 where the motion is unknown."""
+    columns = baseline_columns(motion, profile)[2]
+    rows = _beside_friction(motion, profile, torque)
+    usable = usable & np.isfinite(rows).all(axis=1)
+    if usable.sum() <= rows.shape[1]:
+        return np.zeros(len(torque))
+    amounts = _fitted(rows, usable, float(np.median(np.diff(motion.time_s)))).amounts
+    return np.asarray(np.nan_to_num(columns) @ amounts[: columns.shape[1]])
+
+
+def _likeliest(
+    motions: list[tuple[Motion, FloatArray, float]],
+    profile: ProfileData,
+    torque: FloatArray,
+    usable: NDArray[np.bool_],
+    period_s: float,
+) -> tuple[Motion, FloatArray, float]:
+    """Return the motion beside which baseline and friction make the torque most likely.
+
+    As a channel may hold back what is fast, the torque may have any share of the expected torque
+    at a frequency.
+    """
+    asked = [_beside_friction(motion, profile, torque) for motion, *_ in motions]
+    usable = usable & np.all([np.isfinite(rows).all(axis=1) for rows in asked], axis=0)
+    if len(motions) == 1 or usable.sum() <= asked[0].shape[1]:
+        return motions[0]
+    unlikely = [_fitted(rows, usable, period_s).unlikeliness for rows in asked]
+    return motions[int(np.argmin(unlikely))]
+
+
+def _beside_friction(motion: Motion, profile: ProfileData, torque: FloatArray) -> FloatArray:
+    """Return the torque, what acts on it everywhere, and the expected torque, as columns."""
     fixed, _, columns = baseline_columns(motion, profile)
+    expected = expected_torque_nm(motion, motion.inertia_nm_s2)
     speed = motion.velocity_rad_s
-    usable = motion.valid & np.isfinite(torque - fixed + speed) & ~masked
-    design = np.column_stack([columns, speed, np.sign(speed)])[usable]
-    response = (torque - fixed)[usable]
-    if len(response) <= design.shape[1]:
-        return np.inf
-    solution = np.linalg.lstsq(design, response, rcond=None)[0]
-    return float(np.mean((response - design @ solution) ** 2))
+    return np.column_stack([torque - fixed + expected, columns, speed, np.sign(speed), expected])
+
+
+def _fitted(rows: FloatArray, usable: NDArray[np.bool_], period_s: float) -> _Shares:
+    bands = make_bands(usable, period_s)
+    own, *columns, expected = bands.transform(np.where(usable[:, None], rows, 0.0))
+    return _shares(bands, own, np.array(columns), expected[None, :])
 
 
 def with_simulated(

@@ -28,7 +28,7 @@ _BESIDE = 7
 _NEAR, _RARE = 5, 0.03
 # channels that tell what the bench measured at a moment
 _TOLD = (*TORQUES, "motor_velocity_rad_s", "tacho_v")
-_MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
+
 
 # a shaft turned on through a row if it turned by more than so many steps of its angle after it
 _TURNS = 3.0
@@ -87,13 +87,16 @@ def lost_samples(trace: Trace) -> tuple[Fault, ...]:
 
 
 def repeated_rows(trace: Trace, angle: FloatArray | None) -> NDArray[np.bool_]:
-    """Return rows that only repeat the one before although the shaft turns: samples held."""
+    """Return rows that only repeat the one before although the shaft turns: samples held.
+
+    A velocity says nothing of that: it may be made of the angles.
+    """
     repeated = np.zeros(len(trace), dtype=bool)
     if angle is None:
         return repeated
     moves = np.diff(angle)
     same = moves == 0.0
-    for other in _MEASURED:
+    for other in (*TORQUES, "load_torque_nm", "motor_current_a"):
         if other in trace and same.any():
             same &= np.diff(trace[other]) == 0.0
     if not same.any():
