@@ -8,10 +8,10 @@ from scipy.signal import butter, sosfiltfilt
 from swinging_shaft import trace_of
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.discovery.acceleration import seen_acceleration
+from hdbench.diagnosis.discovery.acceleration import seen_acceleration, times_by_shaft
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import fixed_of
-from hdbench.diagnosis.discovery.record import as_followed, on_clock, prepare_record, times_by_shaft
+from hdbench.diagnosis.discovery.record import as_followed, on_clock, prepare_record
 from hdbench.diagnosis.dynamic import make_ready, make_task
 from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile import load_profile

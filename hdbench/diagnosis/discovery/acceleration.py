@@ -1,15 +1,23 @@
-"""Acceleration of a record as far as the measured motion stands out of its channel's noise."""
+"""The motion that a torque follows: by which channel and clock, and with what acceleration."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.bands import mirrored_lines
-from hdbench.model import Motion
+from hdbench.diagnosis.discovery.bands import Bands, make_bands, mirrored_lines
+from hdbench.model import Motion, baseline_columns
+from hdbench.model.bench import expected_torque_nm
+from hdbench.model.motion import angle_curvature
+from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
+# a sample is at least this share of a step after the one before: one that was held has no time
+_LEAST_STEP = 0.05
+# rounds in which weights follow what they leave; share of a scatter that one of them leaves
+_ROUNDS, _QUIETEST = 4, 1e-3
 # cells of a short-time spectrum: so long, of so many samples at least, and motion where the mean of
 # nine has so many times the power of the noise
 _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
@@ -18,6 +26,51 @@ _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
 _AGREE = 9.0
 # a drive answers alike to frequencies within so many octaves
 _ALIKE = 0.25
+
+
+def times_by_shaft(motion: Motion) -> tuple[FloatArray, float]:
+    """Return when samples were taken by what the shaft turned between them, s.
+
+    And the scatter of the steps between them relative to those of the stamps.
+
+    Between two samples the angle moves by the speed times the time: what of the difference grows
+    with the speed is no noise of either channel, but time that the stamps do not show.
+    """
+    from scipy.optimize import nnls
+
+    steps, velocity = np.diff(motion.time_s), motion.velocity_rad_s
+    moves, turned = np.diff(motion.angle_rad), 0.5 * (velocity[1:] + velocity[:-1]) * steps
+    good = np.isfinite(moves + turned)
+    if not np.any(turned[good]):
+        return motion.time_s, 0.0
+    moves, turned = np.where(good, moves, 0.0), np.where(good, turned, 0.0)
+    turned = turned * float(moves @ turned) / max(float(turned @ turned), 1e-300)
+    left, speed = moves - turned, turned**2
+    # both amounts of the scatter weighted by what they make together, from equal shares on
+    amounts = np.mean(left[good] ** 2) * np.array([0.5, 0.5 / max(speed[good].mean(), 1e-300)])
+    for _ in range(_ROUNDS):
+        scatter = amounts[0] + amounts[1] * speed[good]
+        design = np.column_stack([np.ones(len(scatter)), speed[good]]) / scatter[:, None]
+        amounts = nnls(design, left[good] ** 2 / scatter)[0] + _QUIETEST * amounts
+    noise, jitter = amounts
+    told = 1.0 + jitter * turned * left / (jitter * speed + noise)
+    told = np.maximum(told, _LEAST_STEP)
+    ticks = motion.time_s[0] + np.concatenate([[0.0], np.cumsum(steps * told)])
+    return ticks, float(np.std(told))
+
+
+def motions_of(motion: Motion) -> tuple[Motion, ...]:
+    """Return the motion as it is, and with an angle in step or an acceleration by the angle."""
+    if motion.acceleration_source == "angle":
+        return (motion,)
+    if motion.angle_source != "velocity":
+        by_angle = angle_curvature(motion.time_s, motion.angle_rad)
+        return motion, replace(motion, acceleration_rad_s2=by_angle, acceleration_source="angle")
+    velocity = np.where(motion.valid, motion.velocity_rad_s, 0.0)
+    half = 0.5 * float(np.median(np.diff(motion.time_s))) * (velocity - velocity[0])
+    output = half / motion.gear_ratio if motion.output_source == "motor" else 0.0
+    moved = replace(motion, angle_rad=motion.angle_rad + half)
+    return motion, replace(moved, output_angle_rad=motion.output_angle_rad + output)
 
 
 def seen_acceleration(
@@ -115,3 +168,83 @@ def _derivative(values: FloatArray, period_s: float, degree: int) -> FloatArray:
     turn = 2j * np.pi * np.arange(len(lines)) / (2.0 * whole * period_s)
     made = np.fft.irfft(lines * turn**degree, 2 * whole)[:n]
     return np.asarray(made + ends(np.arange(n), degree) / period_s**degree)
+
+
+def ripple_of(
+    motion: Motion, profile: ProfileData, torque: FloatArray, usable: NDArray[np.bool_]
+) -> FloatArray:
+    """Return the baseline of a torque beside friction, N m; 0 where the motion is unknown."""
+    columns = baseline_columns(motion, profile)[2]
+    rows = _beside_friction(motion, profile, torque)
+    usable = usable & np.isfinite(rows).all(axis=1)
+    if usable.sum() <= rows.shape[1]:
+        return np.zeros(len(torque))
+    amounts = _fitted(rows, usable, float(np.median(np.diff(motion.time_s)))).amounts
+    return np.asarray(np.nan_to_num(columns) @ amounts[: columns.shape[1]])
+
+
+def likeliest(
+    motions: list[tuple[Motion, FloatArray, float]],
+    profile: ProfileData,
+    torque: FloatArray,
+    usable: NDArray[np.bool_],
+    period_s: float,
+) -> tuple[Motion, FloatArray, float]:
+    """Return the motion beside which baseline and friction make the torque most likely.
+
+    As a channel may hold back what is fast, the torque may have any share of the expected torque
+    at a frequency.
+    """
+    asked = [_beside_friction(motion, profile, torque) for motion, *_ in motions]
+    usable = usable & np.all([np.isfinite(rows).all(axis=1) for rows in asked], axis=0)
+    if len(motions) == 1 or usable.sum() <= asked[0].shape[1]:
+        return motions[0]
+    unlikely = [_fitted(rows, usable, period_s).unlikeliness for rows in asked]
+    return motions[int(np.argmin(unlikely))]
+
+
+def _beside_friction(motion: Motion, profile: ProfileData, torque: FloatArray) -> FloatArray:
+    """Return the torque, what acts on it everywhere, and the expected torque, as columns."""
+    fixed, _, columns = baseline_columns(motion, profile)
+    expected = expected_torque_nm(motion, motion.inertia_nm_s2)
+    speed = motion.velocity_rad_s
+    return np.column_stack([torque - fixed + expected, columns, speed, np.sign(speed), expected])
+
+
+def _fitted(rows: FloatArray, usable: NDArray[np.bool_], period_s: float) -> Shares:
+    bands = make_bands(usable, period_s)
+    own, *columns, expected = bands.transform(np.where(usable[:, None], rows, 0.0))
+    return shares_of(bands, own, np.array(columns), expected[None, :])
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """How well an expected torque fits in each band, beside what acts everywhere.
+
+    Its products with the torque and with itself over the power of the noise, the amounts of the
+    rest, and twice the unlikeliness in any noise (Whittle) with the share that fits best,
+    beforehand 1(1).
+    """
+
+    both: FloatArray
+    asks: FloatArray
+    amounts: FloatArray
+    unlikeliness: float
+
+
+def shares_of(bands: Bands, own: FloatArray, columns: FloatArray, parts: FloatArray) -> Shares:
+    """Return how well a sum of rows fits another in each band."""
+    asked, power = parts.sum(axis=0), np.ones(len(bands))
+    asks = bands.power(asked)
+    for _ in range(_ROUNDS):
+        weight = bands.spread(power) ** -0.5
+        design = np.vstack([columns, parts]) * weight
+        amounts = np.linalg.lstsq(design.T, own * weight, rcond=None)[0][: len(columns)]
+        rest = own - amounts @ columns
+        variance = 1.0 / (1.0 + asks / power)
+        both = np.add.reduceat(rest * asked, bands.edges[:-1])
+        share = variance * (1.0 + both / power)
+        left = bands.power(rest - bands.spread(share) * asked) + variance * asks
+        power = np.maximum(left / bands.counts, 1e-300)
+    unlikely = bands.counts * np.log(power) + (share - 1.0) ** 2 + variance - np.log(variance)
+    return Shares(both / power, asks / power, np.asarray(amounts), float(unlikely.sum()))

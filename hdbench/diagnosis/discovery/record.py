@@ -9,9 +9,15 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.acceleration import seen_acceleration
+from hdbench.diagnosis.discovery.acceleration import (
+    likeliest,
+    motions_of,
+    ripple_of,
+    seen_acceleration,
+    shares_of,
+    times_by_shaft,
+)
 from hdbench.diagnosis.discovery.bands import (
-    Bands,
     LowPass,
     make_bands,
     shaped,
@@ -23,7 +29,7 @@ from hdbench.estimation.bandwidth import spectrum_of
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.bench import expected_torque_nm
 from hdbench.model.localfit import filled
-from hdbench.model.motion import TORQUES, angle_curvature, torque_from_trace
+from hdbench.model.motion import TORQUES, torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -45,10 +51,6 @@ _INERTIA = (0.5, 2.0)
 _MOST_OF_ANGLE = 0.99
 # memory of what is kept of a record, bytes: a search asks for most of it again
 _KEPT = 1e8
-# a sample is at least this share of a step after the one before: one that was held has no time
-_LEAST_STEP = 0.05
-# rounds in which weights follow what they leave; share of a scatter that one of them leaves
-_ROUNDS, _QUIETEST = 4, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,16 +235,16 @@ def prepare_record(
     period = float(np.median(np.diff(motion.time_s)))
     usable = motion.valid & np.isfinite(torque) & ~masked
     passed = _passed(motion.velocity_rad_s, torque, usable, period)
-    motions = [(one, np.zeros(len(torque)), 0.0) for one in _motions(motion)]
+    motions = [(one, np.zeros(len(torque)), 0.0) for one in motions_of(motion)]
     if "expected-torque" not in change.without and passed == 1.0:
         clocks = ((motion.time_s, 0.0), times_by_shaft(motion))
-        ripple = _ripple_nm(motion, profile, torque, usable)
+        ripple = ripple_of(motion, profile, torque, usable)
         motions = [
             (replace(found, time_s=motion.time_s), answer, jitter)
             for (one, *_), (time, jitter) in product(motions, clocks)
             for found, answer in [seen_acceleration(replace(one, time_s=time), ripple, period)]
         ]
-    motion, answer, jitter = _likeliest(motions, profile, torque, usable, period)
+    motion, answer, jitter = likeliest(motions, profile, torque, usable, period)
     load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
     whole_turn = "misalignment:cosine" in names
@@ -320,7 +322,7 @@ def as_followed(record: Record) -> Record:
     most = int(np.searchsorted(np.cumsum(turns), _MOST_OF_ANGLE * turns.sum()))
     slow = np.where(np.arange(bands.size) < bands.edges[most + 1], asked, 0.0)
     columns = np.array([*bands.transform(record.columns), angle, *rows])
-    found = _shares(bands, own, columns, np.array([asked - slow, slow]))
+    found = shares_of(bands, own, columns, np.array([asked - slow, slow]))
     both, asks = np.cumsum(found.both), np.cumsum(found.asks)
     amount = np.clip(both / np.maximum(asks, 1e-300), *_INERTIA)
     told = (2.0 * both - amount * asks) * amount
@@ -335,39 +337,6 @@ def as_followed(record: Record) -> Record:
     new = replace(motion, acceleration_rad_s2=acceleration)
     change = expected_torque_nm(new, motion.inertia_nm_s2) - expected
     return replace(record, motion=new, fixed_nm=record.fixed_nm + change, answer_rad_s2=None)
-
-
-@dataclass(frozen=True, slots=True)
-class _Shares:
-    """How well an expected torque fits in each band, beside what acts everywhere.
-
-    Its products with the torque and with itself over the power of the noise, the amounts of the
-    rest, and twice the unlikeliness in any noise (Whittle) with the share that fits best,
-    beforehand 1(1).
-    """
-
-    both: FloatArray
-    asks: FloatArray
-    amounts: FloatArray
-    unlikeliness: float
-
-
-def _shares(bands: Bands, own: FloatArray, columns: FloatArray, parts: FloatArray) -> _Shares:
-    """Return how well a sum of rows fits another in each band."""
-    asked, power = parts.sum(axis=0), np.ones(len(bands))
-    asks = bands.power(asked)
-    for _ in range(_ROUNDS):
-        weight = bands.spread(power) ** -0.5
-        design = np.vstack([columns, parts]) * weight
-        amounts = np.linalg.lstsq(design.T, own * weight, rcond=None)[0][: len(columns)]
-        rest = own - amounts @ columns
-        variance = 1.0 / (1.0 + asks / power)
-        both = np.add.reduceat(rest * asked, bands.edges[:-1])
-        share = variance * (1.0 + both / power)
-        left = bands.power(rest - bands.spread(share) * asked) + variance * asks
-        power = np.maximum(left / bands.counts, 1e-300)
-    unlikely = bands.counts * np.log(power) + (share - 1.0) ** 2 + variance - np.log(variance)
-    return _Shares(both / power, asks / power, np.asarray(amounts), float(unlikely.sum()))
 
 
 def _sampled_lines(
@@ -415,98 +384,6 @@ def _load_share(
     both = np.column_stack([(torque - fixed)[usable], load])
     left = both - design @ np.linalg.lstsq(design, both, rcond=None)[0]
     return min((1.0, 0.0, -1.0), key=lambda x: float(np.sum((left[:, 0] - x * left[:, 1]) ** 2)))
-
-
-def times_by_shaft(motion: Motion) -> tuple[FloatArray, float]:
-    """Return when samples were taken by what the shaft turned between them, s.
-
-    And the scatter of the steps between them relative to those of the stamps.
-
-    Between two samples the angle moves by the speed times the time: what of the difference grows
-    with the speed is no noise of either channel, but time that the stamps do not show.
-    """
-    from scipy.optimize import nnls
-
-    steps, velocity = np.diff(motion.time_s), motion.velocity_rad_s
-    moves, turned = np.diff(motion.angle_rad), 0.5 * (velocity[1:] + velocity[:-1]) * steps
-    good = np.isfinite(moves + turned)
-    if not np.any(turned[good]):
-        return motion.time_s, 0.0
-    moves, turned = np.where(good, moves, 0.0), np.where(good, turned, 0.0)
-    turned = turned * float(moves @ turned) / max(float(turned @ turned), 1e-300)
-    left, speed = moves - turned, turned**2
-    # both amounts of the scatter weighted by what they make together, from equal shares on
-    amounts = np.mean(left[good] ** 2) * np.array([0.5, 0.5 / max(speed[good].mean(), 1e-300)])
-    for _ in range(_ROUNDS):
-        scatter = amounts[0] + amounts[1] * speed[good]
-        design = np.column_stack([np.ones(len(scatter)), speed[good]]) / scatter[:, None]
-        amounts = nnls(design, left[good] ** 2 / scatter)[0] + _QUIETEST * amounts
-    noise, jitter = amounts
-    told = 1.0 + jitter * turned * left / (jitter * speed + noise)
-    told = np.maximum(told, _LEAST_STEP)
-    ticks = motion.time_s[0] + np.concatenate([[0.0], np.cumsum(steps * told)])
-    return ticks, float(np.std(told))
-
-
-def _motions(motion: Motion) -> tuple[Motion, ...]:
-    """Return the motion as it is, and with an angle in step or an acceleration by the angle."""
-    if motion.acceleration_source == "angle":
-        return (motion,)
-    if motion.angle_source != "velocity":
-        by_angle = angle_curvature(motion.time_s, motion.angle_rad)
-        return motion, replace(motion, acceleration_rad_s2=by_angle, acceleration_source="angle")
-    velocity = np.where(motion.valid, motion.velocity_rad_s, 0.0)
-    half = 0.5 * float(np.median(np.diff(motion.time_s))) * (velocity - velocity[0])
-    output = half / motion.gear_ratio if motion.output_source == "motor" else 0.0
-    moved = replace(motion, angle_rad=motion.angle_rad + half)
-    return motion, replace(moved, output_angle_rad=motion.output_angle_rad + output)
-
-
-def _ripple_nm(
-    motion: Motion, profile: ProfileData, torque: FloatArray, usable: NDArray[np.bool_]
-) -> FloatArray:
-    """Return the baseline of a torque beside friction, N m; 0 where the motion is unknown."""
-    columns = baseline_columns(motion, profile)[2]
-    rows = _beside_friction(motion, profile, torque)
-    usable = usable & np.isfinite(rows).all(axis=1)
-    if usable.sum() <= rows.shape[1]:
-        return np.zeros(len(torque))
-    amounts = _fitted(rows, usable, float(np.median(np.diff(motion.time_s)))).amounts
-    return np.asarray(np.nan_to_num(columns) @ amounts[: columns.shape[1]])
-
-
-def _likeliest(
-    motions: list[tuple[Motion, FloatArray, float]],
-    profile: ProfileData,
-    torque: FloatArray,
-    usable: NDArray[np.bool_],
-    period_s: float,
-) -> tuple[Motion, FloatArray, float]:
-    """Return the motion beside which baseline and friction make the torque most likely.
-
-    As a channel may hold back what is fast, the torque may have any share of the expected torque
-    at a frequency.
-    """
-    asked = [_beside_friction(motion, profile, torque) for motion, *_ in motions]
-    usable = usable & np.all([np.isfinite(rows).all(axis=1) for rows in asked], axis=0)
-    if len(motions) == 1 or usable.sum() <= asked[0].shape[1]:
-        return motions[0]
-    unlikely = [_fitted(rows, usable, period_s).unlikeliness for rows in asked]
-    return motions[int(np.argmin(unlikely))]
-
-
-def _beside_friction(motion: Motion, profile: ProfileData, torque: FloatArray) -> FloatArray:
-    """Return the torque, what acts on it everywhere, and the expected torque, as columns."""
-    fixed, _, columns = baseline_columns(motion, profile)
-    expected = expected_torque_nm(motion, motion.inertia_nm_s2)
-    speed = motion.velocity_rad_s
-    return np.column_stack([torque - fixed + expected, columns, speed, np.sign(speed), expected])
-
-
-def _fitted(rows: FloatArray, usable: NDArray[np.bool_], period_s: float) -> _Shares:
-    bands = make_bands(usable, period_s)
-    own, *columns, expected = bands.transform(np.where(usable[:, None], rows, 0.0))
-    return _shares(bands, own, np.array(columns), expected[None, :])
 
 
 def with_simulated(
