@@ -11,7 +11,7 @@ from hdbench.diagnosis.discovery import form, naming, refine
 from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_rows
-from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
+from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
 from hdbench.diagnosis.discovery.joint import (
     impossible_parts,
     is_within,
@@ -24,7 +24,7 @@ from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.naming import _is_plain, _named, _same_space
 from hdbench.diagnosis.discovery.search import Search, _turn
 from hdbench.diagnosis.discovery.term import Term, term_columns
-from hdbench.diagnosis.discovery.told import distinct, predicting_delay
+from hdbench.diagnosis.discovery.told import _spoils, distinct, predicting_delay
 from hdbench.model import catalogue
 from hdbench.results.diagnosis import Unexplained
 
@@ -227,6 +227,29 @@ def test_a_cause_stays_where_the_fit_without_it_is_less_likely(monkeypatch):
     state = searching(fit)
     state.prune(most=0)
     assert [state.fit.parts[part].name for part in state.fit.causes()] == ["viscous-friction"]
+
+
+@pytest.mark.parametrize(("name", "kept"), [("warm-up", False), ("structural-tone", True)])
+def test_a_name_costs_more_in_the_end_than_a_line_that_paid_for_its_place(monkeypatch, name, kept):
+    fit = fitted(swinging(4000, lambda t, a, w: 0.01 * np.cos(200.0 * t), mean=0.0))
+    cause = catalogue()[name]
+    fit.add_term(Term(cause, dict.fromkeys((shape.name for shape in cause.shape), 3.0)))
+    fit.settle(3)
+    monkeypatch.setattr(Search, "evidence_of", lambda self, part: 5.0)
+    monkeypatch.setattr(Search, "lost_without", lambda self, part: 0.0)
+    state = searching(fit)
+    state.prune(3.0, most=0, named=4.0)
+    assert bool(state.fit.causes()) is kept
+
+
+@pytest.mark.parametrize(
+    ("saved", "spoils"), [([-1.0] * 16, True), ([-3.0, 3.0, -2.0, 1.0], False), ([1.0] * 16, False)]
+)
+def test_a_cause_spoils_a_prediction_only_where_the_pieces_agree(saved, spoils):
+    counts = np.full(len(saved), 100.0)
+    whole = Prediction(np.full(len(saved), 50.0), counts, 1.0)
+    without = Prediction(50.0 + np.array(saved), counts, 1.0)
+    assert _spoils(whole, without) is spoils
 
 
 # no friction at all is possible, and so is one that is negative within its uncertainty
