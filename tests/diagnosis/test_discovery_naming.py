@@ -238,7 +238,7 @@ def test_a_name_costs_more_in_the_end_than_a_line_that_paid_for_its_place(monkey
     monkeypatch.setattr(Search, "evidence_of", lambda self, part: 5.0)
     monkeypatch.setattr(Search, "lost_without", lambda self, part: 0.0)
     state = searching(fit)
-    state.prune(3.0, most=0, named=4.0)
+    state.prune(None, most=0)
     assert bool(state.fit.causes()) is kept
 
 

@@ -19,7 +19,7 @@ from hdbench.diagnosis.discovery.refine import (
     refined,
     weighed,
 )
-from hdbench.diagnosis.discovery.search import SECOND_PRICE, Search, settled
+from hdbench.diagnosis.discovery.search import Search, needed_nats, settled
 from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import is_line, is_whole_share, same_torque
 from hdbench.diagnosis.evidence import RIVAL_NATS, SAME_SPACE
@@ -71,10 +71,10 @@ def name_causes(search: Search) -> dict[int, Named]:
         search.prune(most=0)
         if moved:
             search.go_on()
-    # in the end odds of 20 to 1 speak for a cause, whose name is one of some fifty
-    least = RIVAL_NATS + SECOND_PRICE
-    if swapped or any(table[0].evidence_nats < least for table in tables.values()):
-        search.prune(RIVAL_NATS, most=0, named=SECOND_PRICE)
+    if swapped or any(
+        table[0].evidence_nats < needed_nats(table[0].term) for table in tables.values()
+    ):
+        search.prune(None, most=0)
         tables = {part: _table(search, part) for part in search.fit.causes()}
     return {part: _named(search.fit.beside(part), table) for part, table in tables.items()}
 

@@ -252,7 +252,7 @@ class Search:
         passed: list[tuple[Candidate, ...]] = []
         tried, plain = self._different(tried), self._different(plain)
         for entry in map(self._judged, self._joined(tried, plain)):
-            if entry[0].false_alarm < self.alpha and _nats(entry) > _needed(entry):
+            if entry[0].false_alarm < self.alpha and _nats(entry) > needed_nats(entry[0].term):
                 # of the fits only that of the best entry is kept: each is as large as the record
                 best = max((*passed, entry), key=_turn)
                 passed = [e if e is best else _unjoined(e) for e in (*passed, entry)]
@@ -477,27 +477,27 @@ class Search:
         self.fit = reshaped(self.fit, self.fit.causes())
         return value_of(self.fit) > before + LEAST_NATS
 
-    def prune(self, needed: float = LEAST_NATS, most: int = 1, named: float = 0.0) -> None:
+    def prune(self, least: float | None = LEAST_NATS, most: int = 1) -> None:
         """Drop causes that the others, or another noise, made needless.
 
-        `named` is what a name costs beyond that; a line or a step has paid for its place.
+        `least` is the evidence that they need, nats; None for what the name of each needs.
         """
         fit = self.fit
         while len(fit.causes()) > most:
             impossible = impossible_parts(fit)
             gone = [part for part in fit.causes() if part in impossible or self._merged(part)]
-            worst, least = (gone[0], -np.inf) if gone else (None, needed)
+            worst, spare = (gone[0], -np.inf) if gone else (None, 0.0)
             for part in () if gone else fit.causes():
-                cost = 0.0 if _has_place(fit.term(part)) else named
-                value = self.evidence_of(part) - cost
-                if value < least:
+                needed = needed_nats(fit.term(part)) if least is None else least
+                value = self.evidence_of(part) - needed
+                if value < spare:
                     # a name has its form error with it, which its evidence alone leaves out
-                    value = max(value, self.lost_without(part) - cost)
-                if value < least:
-                    worst, least = part, value
+                    value = max(value, self.lost_without(part) - needed)
+                if value < spare:
+                    worst, spare = part, value
             if worst is None:
                 return
-            self.log.append(f"- {fit.parts[worst].name} E={least:.1f}")
+            self.log.append(f"- {fit.parts[worst].name} {-spare:.1f} short")
             name = fit.parts[worst].name
             again = _AGAIN if name in self.latest else self.dropped.get(name, 0) + 1
             self.dropped[name] = again
@@ -682,13 +682,12 @@ def _has_place(term: Term) -> bool:
     return is_line(term.cause) or "step_time_s" in term.shape
 
 
-def _needed(entry: tuple[Candidate, ...]) -> float:
-    """Return the evidence that an entry must have, nats: odds of 20 to 1, and what its name costs.
+def needed_nats(term: Term) -> float:
+    """Return the evidence that a cause must have, nats: odds of 20 to 1, and what its name costs.
 
     A table has no name, and a line or a step has paid for its place.
     """
-    first = entry[0].term
-    placed = _has_place(first) or is_table(first.cause)
+    placed = _has_place(term) or is_table(term.cause)
     return RIVAL_NATS + (0.0 if placed else SECOND_PRICE)
 
 
