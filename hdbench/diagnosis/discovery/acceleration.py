@@ -221,12 +221,12 @@ def _fitted(rows: FloatArray, usable: NDArray[np.bool_], period_s: float) -> Sha
 class Shares:
     """How well an expected torque fits in each band, beside what acts everywhere.
 
-    Its products with the torque and with itself over the power of the noise, the amounts of the
+    The power that the torque has beside the rest, that of the expected torque, the amounts of the
     rest, and twice the unlikeliness in any noise (Whittle) with the share that fits best,
     beforehand 1(1).
     """
 
-    both: FloatArray
+    has: FloatArray
     asks: FloatArray
     amounts: FloatArray
     unlikeliness: float
@@ -247,4 +247,4 @@ def shares_of(bands: Bands, own: FloatArray, columns: FloatArray, parts: FloatAr
         left = bands.power(rest - bands.spread(share) * asked) + variance * asks
         power = np.maximum(left / bands.counts, 1e-300)
     unlikely = bands.counts * np.log(power) + (share - 1.0) ** 2 + variance - np.log(variance)
-    return Shares(both / power, asks / power, np.asarray(amounts), float(unlikely.sum()))
+    return Shares(bands.power(rest), asks, np.asarray(amounts), float(unlikely.sum()))

@@ -18,6 +18,7 @@ from hdbench.diagnosis.discovery.acceleration import (
     times_by_shaft,
 )
 from hdbench.diagnosis.discovery.bands import (
+    SLOW_SHARE,
     LowPass,
     make_bands,
     shaped,
@@ -43,10 +44,10 @@ _PAUSE = 0.02
 _PLAIN_BELOW, _FEW = (0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.35), 0.01
 # the misalignment of a bench that is clamped again may be this many times the model's
 _MISALIGNED = 3.0
-# an acceleration ends where the rest has so little evidence: 3 nats, and 4 as one of some 55 ends
-_CUT_NATS = 7.0
-# the inertia may be so many times that of the profile
-_INERTIA = (0.5, 2.0)
+# the inertia of a profile is off by 30 % as a rule: half of the expected power is then there
+_LEAST_POWER = 0.5
+# a torque channel tells what it passes half of
+_PASSED = 0.5
 # share of the power of the angle that is the motion itself
 _MOST_OF_ANGLE = 0.99
 # memory of what is kept of a record, bytes: a search asks for most of it again
@@ -304,14 +305,17 @@ def as_followed(record: Record) -> Record:
     """Return a record whose acceleration is no faster than the torque can follow.
 
     A coarse or noisy channel that is differentiated adds what grows with frequency, and above a
-    resonance the load no longer turns with the motor. Faster than the motion itself, what makes the
-    expected torque less likely is none of the load's, and neither is what the motion hides.
+    resonance the load no longer turns with the motor. Where more is expected than twice the power
+    that the torque has, that is none of the load's, and neither is what the motion hides. Where
+    that is so of the motion itself, the inertia is wrong, and the acceleration stays.
     """
     motion, output = record.motion, record.motion.output_angle_rad
     bands = make_bands(record.valid, record.period_s).low_passed(record.low_pass)
     expected = expected_torque_nm(motion, motion.inertia_nm_s2)
+    speed = motion.velocity_rad_s
+    friction = (speed, np.sign(speed))
     others = np.column_stack(
-        [motion.angle_rad, motion.velocity_rad_s, np.cos(output), np.sin(output), expected]
+        [motion.angle_rad, *friction, np.cos(output), np.sin(output), expected]
     )
     others = np.where(motion.valid[:, None], others, 0.0)
     own = bands.transform((record.response_nm + others[:, -1])[:, None], measured=True)[0]
@@ -323,14 +327,13 @@ def as_followed(record: Record) -> Record:
     slow = np.where(np.arange(bands.size) < bands.edges[most + 1], asked, 0.0)
     columns = np.array([*bands.transform(record.columns), angle, *rows])
     found = shares_of(bands, own, columns, np.array([asked - slow, slow]))
-    both, asks = np.cumsum(found.both), np.cumsum(found.asks)
-    amount = np.clip(both / np.maximum(asks, 1e-300), *_INERTIA)
-    told = (2.0 * both - amount * asks) * amount
-    last = most + int(np.argmax(told[most:]))
+    places = 2.0 * record.period_s * bands.frequency_hz
+    # narrow bands have little power by chance, and what a low-pass holds back is told by nothing
+    told = (places > SLOW_SHARE) & (bands.passed[bands.edges[:-1]] > _PASSED)
+    missing = told & (found.has < _LEAST_POWER * found.asks)
+    kept = np.where(np.logical_or.accumulate(missing), 0.0, 1.0)
     acceleration = motion.acceleration_rad_s2
-    if told[last] - told[-1] > 2.0 * _CUT_NATS:
-        kept = np.where(np.arange(len(bands)) <= last, 1.0, 0.0)
-        places = 2.0 * record.period_s * bands.frequency_hz
+    if kept.min() < 1.0 and float(turns @ kept) > 0.5 * float(turns.sum()):
         acceleration = shaped(acceleration[:, None], (places, kept))[:, 0]
     elif record.answer_rad_s2 is not None:
         acceleration = acceleration + record.answer_rad_s2
