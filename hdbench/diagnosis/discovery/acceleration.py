@@ -174,8 +174,9 @@ def ripple_of(
     motion: Motion, profile: ProfileData, torque: FloatArray, usable: NDArray[np.bool_]
 ) -> FloatArray:
     """Return the baseline of a torque beside friction, N m; 0 where the motion is unknown."""
-    columns = baseline_columns(motion, profile)[2]
     rows = _beside_friction(motion, profile, torque)
+    # between the torque and both frictions with what is expected
+    columns = rows[:, 1:-3]
     usable = usable & np.isfinite(rows).all(axis=1)
     if usable.sum() <= rows.shape[1]:
         return np.zeros(len(torque))
@@ -211,14 +212,14 @@ def _beside_friction(motion: Motion, profile: ProfileData, torque: FloatArray) -
     return np.column_stack([torque - fixed + expected, columns, speed, np.sign(speed), expected])
 
 
-def _fitted(rows: FloatArray, usable: NDArray[np.bool_], period_s: float) -> Shares:
+def _fitted(rows: FloatArray, usable: NDArray[np.bool_], period_s: float) -> ExpectedFit:
     bands = make_bands(usable, period_s)
     own, *columns, expected = bands.transform(np.where(usable[:, None], rows, 0.0))
-    return shares_of(bands, own, np.array(columns), expected[None, :])
+    return fit_expected(bands, own, np.array(columns), expected[None, :])
 
 
 @dataclass(frozen=True, slots=True)
-class Shares:
+class ExpectedFit:
     """How well an expected torque fits in each band, beside what acts everywhere.
 
     The power that the torque has beside the rest, that of the expected torque, the amounts of the
@@ -232,7 +233,9 @@ class Shares:
     unlikeliness: float
 
 
-def shares_of(bands: Bands, own: FloatArray, columns: FloatArray, parts: FloatArray) -> Shares:
+def fit_expected(
+    bands: Bands, own: FloatArray, columns: FloatArray, parts: FloatArray
+) -> ExpectedFit:
     """Return how well a sum of rows fits another in each band."""
     asked, power = parts.sum(axis=0), np.ones(len(bands))
     asks = bands.power(asked)
@@ -247,4 +250,4 @@ def shares_of(bands: Bands, own: FloatArray, columns: FloatArray, parts: FloatAr
         left = bands.power(rest - bands.spread(share) * asked) + variance * asks
         power = np.maximum(left / bands.counts, 1e-300)
     unlikely = bands.counts * np.log(power) + (share - 1.0) ** 2 + variance - np.log(variance)
-    return Shares(bands.power(rest), asks, np.asarray(amounts), float(unlikely.sum()))
+    return ExpectedFit(bands.power(rest), asks, np.asarray(amounts), float(unlikely.sum()))

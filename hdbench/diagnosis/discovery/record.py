@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.acceleration import (
+    fit_expected,
     likeliest,
     motions_of,
     ripple_of,
     seen_acceleration,
-    shares_of,
     times_by_shaft,
 )
 from hdbench.diagnosis.discovery.bands import (
@@ -326,7 +326,7 @@ def as_followed(record: Record) -> Record:
     most = int(np.searchsorted(np.cumsum(turns), _MOST_OF_ANGLE * turns.sum()))
     slow = np.where(np.arange(bands.size) < bands.edges[most + 1], asked, 0.0)
     columns = np.array([*bands.transform(record.columns), angle, *rows])
-    found = shares_of(bands, own, columns, np.array([asked - slow, slow]))
+    found = fit_expected(bands, own, columns, np.array([asked - slow, slow]))
     places = 2.0 * record.period_s * bands.frequency_hz
     # narrow bands have little power by chance, and what a low-pass holds back is told by nothing
     told = (places > SLOW_SHARE) & (bands.passed[bands.edges[:-1]] > _PASSED)

@@ -29,7 +29,6 @@ _NEAR, _RARE = 5, 0.03
 # channels that tell what the bench measured at a moment
 _TOLD = (*TORQUES, "motor_velocity_rad_s", "tacho_v")
 
-
 # a shaft turned on through a row if it turned by more than so many steps of its angle after it
 _TURNS = 3.0
 
