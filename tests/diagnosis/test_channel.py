@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfilt
+from scipy.signal import butter, sosfilt, sosfiltfilt
 from swinging_shaft import RIPPLE, record, reversing
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.diagnosis.discovery.bands import make_bands, shifted
+from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.loudness import loudness
+from hdbench.diagnosis.discovery.record import prepare_record
+from hdbench.model import BenchModel
 from hdbench.profile import load_profile
 from hdbench.records import Trace
 
@@ -80,6 +83,21 @@ def test_a_low_pass_is_found_through_gaps_of_the_stamps():
     assert found["corner_hz"] == pytest.approx(12.0, rel=0.05)
     assert len(result.pictures.time_s) == len(trace)
     assert {cause.name for cause in result.causes} <= {"coulomb-friction", "missed-samples"}
+
+
+def test_the_band_of_a_stored_torque_is_the_same_whatever_is_expected():
+    sections = butter(2, 5.0, fs=1000.0, output="sos")
+    trace = reversing(dry, noise_nm=0.02)
+    stored = {name: sosfiltfilt(sections, trace[name]) for name in ("torque_nm", "load_torque_nm")}
+    trace = Trace({k: v[::5] for k, v in {**trace.columns, **stored}.items()})
+    model = BenchModel.from_profile(PROFILE.data)
+    fit = start_fit(prepare_record(trace, PROFILE.data, model, np.zeros(len(trace), dtype=bool)))
+    # where the load was stored behind the filter, causes act on what that was undone of
+    assert fit.record.low_pass.load
+    again, plain = start_fit(fit.record), start_fit(fit.record.behind(None))
+    assert len(fit.bands) == len(again.bands) == len(plain.bands)
+    assert fit.shapes.floor == pytest.approx(again.shapes.floor)
+    assert fit.bands.frequency_hz[-1] < 50.0
 
 
 @pytest.mark.parametrize("times", [1.0, 2.0])

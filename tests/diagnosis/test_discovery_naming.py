@@ -16,6 +16,7 @@ from hdbench.diagnosis.discovery.joint import (
     impossible_parts,
     is_within,
     joined,
+    renew,
     reshaped,
     stepped,
     value_of,
@@ -294,15 +295,43 @@ def test_a_new_name_for_the_same_torque_starts_no_search(monkeypatch, better, se
     monkeypatch.setattr(naming, "_named", lambda beside, table: table[0].name)
     gone_on = []
     search = SimpleNamespace(
-        fit=SimpleNamespace(parts=[object()], causes=lambda: [0], beside=lambda part: None),
+        fit=SimpleNamespace(
+            parts=[SimpleNamespace(term=None)], causes=lambda: [0], beside=lambda part: None
+        ),
         log=[],
-        replace_term=lambda part, other: tables.insert(0, [other]),
+        replace_term=lambda part, own, other: tables.insert(0, [other]) is None,
         reshape_all=lambda: None,
         prune=lambda most: None,
         go_on=lambda: gone_on.append(1),
     )
     assert naming.name_causes(search) == {0: better}
     assert len(gone_on) == searches
+
+
+def test_a_limit_cannot_lie_far_below_the_torque_that_it_limits():
+    fit = fitted(swinging(3000))
+    shape = {"limit_nm": 0.1, "sharpness": 1.0}
+    part = fit.add_term(Term(catalogue()["saturation"], shape))
+    fit.settle(3)
+    renew(fit)
+    # ripple of .4 and .2 N m; less than half of the largest torque would leave a square wave
+    assert fit.term(part).shape["limit_nm"] == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.parametrize(("said_nats", "taken"), [(1e4, False), (-1e4, True)])
+def test_a_name_takes_a_place_only_where_the_whole_fit_says_so(said_nats, taken):
+    state = searching(fitted(swinging(3000, lambda _t, _a, w: 0.01 * (w - 50.0))))
+    part = state.fit.add_term(Term(catalogue()["viscous-friction"], {}))
+    state.fit.settle(3)
+    before = state.fit
+    cause = catalogue()["zero-drift"]
+    better = refine.candidate_of(
+        before.without_view(part).beside(), before.record, Term(cause, {}), 1, 1
+    )
+    better = replace(better, gain_nats=5.0, evidence_nats=5.0)
+    own = replace(better, evidence_nats=5.0 + said_nats)
+    assert state.replace_term(part, own, better) is taken
+    assert (state.fit is before) is not taken
 
 
 @pytest.mark.parametrize("late", [0, 1])

@@ -233,11 +233,12 @@ def test_rows_that_were_held_say_nothing_of_the_motion(of_angles):
 # --- converter
 
 
-@pytest.mark.parametrize("held_nm", [1.0, 0.0])
-def test_a_standstill_at_which_friction_holds_a_changing_torque_takes_no_part(held_nm):
+@pytest.mark.parametrize(("held_nm", "crept_rad"), [(1.0, 0.0), (1.0, 2.0), (0.0, 0.0)])
+def test_a_standstill_at_which_friction_holds_a_changing_torque_takes_no_part(held_nm, crept_rad):
     time = np.arange(8000) * 5e-3
-    # it stands for 10 s while the torque rises, breaks away, and turns back
-    speed = np.where(time > 10.0, 60.0 * np.sin(2.0 * np.pi * (time - 10.0) / 12.0), 0.0)
+    # it stands or creeps for 10 s while the torque rises, breaks away, and turns back
+    swings = 60.0 * np.sin(2.0 * np.pi * (time - 10.0) / 12.0)
+    speed = np.where(time > 10.0, swings, 0.1 * crept_rad)
     angle = np.cumsum(speed) * 5e-3
     still = time <= 10.0
     torque = np.where(still, held_nm * time / 10.0, 0.6 * np.sign(speed)) + 0.1
@@ -449,7 +450,10 @@ def test_logs_of_other_drives_have_no_fault_and_stay_as_they_are(case):
     trace = real_trace(case)
     found = inspected(trace.columns, real_profile(case))
     assert (found.reason, found.faults) == ("", ())
-    assert dict(found.left_out).keys() <= {"held"}
+    # where a reversal is slow the shaft creeps until friction lets it go
+    left_out = dict(found.left_out)
+    assert left_out.keys() <= {"held", "standstill"}
+    assert left_out.get("standstill", 0) < 0.1 * len(trace)
     for channel, values in trace.columns.items():
         np.testing.assert_array_equal(found.trace[channel][~found.masked], values[~found.masked])
     # all but one drive tell the velocity by the angle

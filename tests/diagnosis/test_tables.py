@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from discovery_records import fitted, swinging
 from swinging_shaft import NOISE_NM, record, reversing, trace_of
 
 from hdbench.diagnosis import diagnose_trace
+from hdbench.diagnosis.discovery import lines
+from hdbench.diagnosis.discovery.lines import modulated_looks, plan_scans
 from hdbench.diagnosis.discovery.tables import Axis
 from hdbench.profile import load_profile
 
@@ -36,6 +39,13 @@ def test_a_function_of_the_speed_that_is_no_law_has_no_name():
     found = diagnose_trace(bend, PROFILE)
     assert found.causes == ()
     assert [place.domain for place in found.unexplained] == ["velocity"]
+
+
+def test_a_line_that_is_explained_already_is_no_table(monkeypatch):
+    fit = fitted(swinging(3000))
+    assert modulated_looks(fit, fit.beside(), plan_scans(fit.record))
+    monkeypatch.setattr(lines, "_line_beside", lambda *_: (0.0, 0))
+    assert modulated_looks(fit, fit.beside(), plan_scans(fit.record)) == []
 
 
 def test_a_line_that_follows_the_load_is_told_with_it():

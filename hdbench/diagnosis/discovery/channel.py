@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands, smoothed
-from hdbench.diagnosis.discovery.fit import SLOW, Fit, response_of
+from hdbench.diagnosis.discovery.fit import SLOW, Fit
 from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.record import Record
@@ -62,9 +62,10 @@ _WORTH_NATS = 2.0
 def start_fit(record: Record, known: Iterable[Term] = ()) -> Fit:
     """Return the fit of the baseline and the causes that the model already holds."""
     bands = make_bands(record.valid, record.period_s)
-    measured = response_of(record, bands)
+    # what it passes is its own, whatever the model expects
+    stored = bands.transform(record.unloaded_nm[:, None], measured=True)[0]
     floor = (_FLOOR * float(np.std(record.response_nm[record.valid])) + 1e-12) ** 2
-    power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
+    power = bands.power(stored) / np.maximum(bands.counts, 1e-9)
     top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
     last = bands.frequency_hz[top] / bands.frequency_hz[-1]
     corners = _WIDE_CORNERS

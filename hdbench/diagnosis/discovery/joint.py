@@ -282,8 +282,10 @@ def renew(fit: Fit) -> None:
         on_simulated(fit)
         before = fit.likelihood
         for part in fit.causes():
-            if fit.term(part).cause.whole_signal:
-                fit.reshape(part, fit.term(part))
+            term = fit.term(part)
+            if term.cause.whole_signal:
+                # what it can be follows the signal, too
+                fit.reshape(part, moved_term(term, dict.fromkeys(term.shape, 0.0), fit.record))
                 fit.settle(1)
         if fit.likelihood < before + LEAST_NATS:
             return

@@ -468,6 +468,8 @@ def modulated_looks(fit: Fit, beside: Beside, scans: tuple[Scan, ...]) -> list[L
             for place in _best_places(statistic, scan)
         ]
         value, dof, place = max(near)
+        if not dof:
+            continue
         chance = chi2_tail(value, dof) * places * len(pairs) * max(1.0, value / dof)
         term = Term(cause, {cause.shape[0].name: place})
         found.append(Look(term, value, dof, places, min(1.0, chance)))

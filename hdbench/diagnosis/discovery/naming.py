@@ -84,23 +84,22 @@ def _swept(search: Search) -> tuple[dict[int, list[Candidate]], bool, bool]:
 
     And whether such a name is no other form of the same torque.
     """
-    fit = search.fit
     tables, swapped, moved = {}, False, False
-    for held in [fit.parts[part] for part in fit.causes()]:
-        part = next(place for place, other in enumerate(fit.parts) if other is held)
+    for term in [search.fit.parts[part].term for part in search.fit.causes()]:
+        part = next(at for at, held in enumerate(search.fit.parts) if held.term is term)
         table = tables[part] = _table(search, part)
         own = table[0]
         names = [c for c in table[1:] if not is_table(c.term.cause)]
         better = max(names, key=lambda c: c.evidence_nats, default=own)
         # a line was found before its harmonics were looked at: the likelier name is its first
         lines = is_line(own.term.cause) and is_line(better.term.cause)
-        if better.evidence_nats > max(own.evidence_nats + (0.0 if lines else RIVAL_NATS), 0.0):
+        enough = max(own.evidence_nats + (0.0 if lines else RIVAL_NATS), 0.0)
+        if better.evidence_nats > enough and search.replace_term(part, own, better):
             search.log.append(
                 f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
                 f"{better.evidence_nats:.1f}"
             )
             moved |= not same_torque(own.term.cause, better.term.cause)
-            search.replace_term(part, better)
             swapped = True
     return tables, swapped, moved
 
@@ -135,7 +134,7 @@ def _table(search: Search, part: int) -> list[Candidate]:
         if _share_of(beside, own, shaped) > _SAME_EFFECT:
             table.append(weighed(beside, record, shaped, fit.shapes, base))
     strong = own.gain_nats * own.loud > 0.5 * STRONG
-    return _alike(_with_forms(view, beside, table) if strong else table)
+    return _alike(_with_forms(fit, view, beside, table) if strong else table)
 
 
 def _alike(table: list[Candidate]) -> list[Candidate]:
@@ -147,24 +146,29 @@ def _alike(table: list[Candidate]) -> list[Candidate]:
     ]
 
 
-def _with_forms(view: Fit, beside: Beside, table: list[Candidate]) -> list[Candidate]:
-    """Return a table with the evidence that the likeliest names have with their form errors."""
-    base = value_of(view)
+def _with_forms(fit: Fit, view: Fit, beside: Beside, table: list[Candidate]) -> list[Candidate]:
+    """Return a table with the evidence that the likeliest names have with their form errors.
+
+    All are put into a view of the fit that is without the cause. What the fit gains over that for
+    the cause itself, as its parts were fitted together, any other name would gain, too.
+    """
+    base, together = value_of(view), 0.0
     ranked = sorted(table[1:], key=lambda c: -c.evidence_nats)
     out = []
     for found in (table[0], *ranked[:_FITTED]):
         new, (term,) = best_joined(view, (found.term,))
-        if found is not table[0] and not all_possible(new, 1):
+        own = found is table[0]
+        if own:
+            together = max(value_of(fit) - value_of(new), 0.0)
+        elif not all_possible(new, 1):
             continue
-        gain = value_of(new) - base
         loud = loudness_of(new, [len(new.parts) - 1])
+        gain = (value_of(new) + together - base) / loud
         cost = found.gain_nats - found.evidence_nats
         moved = found
-        if found is not table[0] and term != found.term:
+        if not own and term != found.term:
             moved = candidate_of(beside, view.record, term, found.trials, found.false_alarm)
-        out.append(
-            replace(moved, gain_nats=gain / loud, evidence_nats=gain / loud - cost, loud=loud)
-        )
+        out.append(replace(moved, gain_nats=gain, evidence_nats=gain - cost, loud=loud))
     return out
 
 

@@ -141,9 +141,20 @@ class Record:
         return values
 
     @property
+    def unloaded_nm(self) -> FloatArray:
+        """Measured torque less the load as it was logged, N m, zero where not valid."""
+        logged = self._held_load if self.logged_nm is None else self.logged_nm
+        return np.where(self.valid, self.torque_nm - logged, 0.0)
+
+    @property
     def response_nm(self) -> FloatArray:
         """Measured torque less what is fixed, N m, zero where not valid."""
-        return np.where(self.valid, self.torque_nm - self.fixed_nm, 0.0)
+        return np.where(self.valid, self.unloaded_nm - self.fixed_nm + self._held_load, 0.0)
+
+    @property
+    def _held_load(self) -> FloatArray:
+        load = self.motion.load_torque_nm
+        return np.zeros(len(self)) if load is None else np.asarray(self.load * load)
 
     def known_part(self, columns: FloatArray) -> FloatArray:
         """Return columns of a law of motion as far as the motion of each record is known."""
@@ -234,8 +245,10 @@ def prepare_record(
     change = change or BaselineChange()
     motion = motion_from_trace(trace, profile)
     period = float(np.median(np.diff(motion.time_s)))
-    usable = motion.valid & np.isfinite(torque) & ~masked
-    passed = _passed(motion.velocity_rad_s, torque, usable, period)
+    read = motion.valid & np.isfinite(torque)
+    usable = read & ~masked
+    # a bridge over what is masked would be faster than the channel
+    passed = _passed(motion.velocity_rad_s, torque, read, period)
     motions = [(one, np.zeros(len(torque)), 0.0) for one in motions_of(motion)]
     if "expected-torque" not in change.without and passed == 1.0:
         clocks = ((motion.time_s, 0.0), times_by_shaft(motion))

@@ -448,16 +448,23 @@ class Search:
             fit.remove(index)
         fit.settle(3)
 
-    def replace_term(self, part: int, better: Candidate) -> None:
-        """Put another name in the place of a cause."""
+    def replace_term(self, part: int, own: Candidate, better: Candidate) -> bool:
+        """Put another name in the place of a cause; return whether the whole fit says so, too."""
         fit = self.fit
-        old = fit.parts[part]
-        fit.remove(part)
-        new = fit.parts[fit.add_term(better.term)]
-        new.false_alarm, new.trials, new.cost_nats = old.false_alarm, better.trials, old.cost_nats
-        fit.settle(3)
-        attach_forms(fit)
-        renew(self.fit)
+        new = joined(fit.without_view(part), (better.term,))
+        new.parts[-1].form_scale = fit.parts[part].form_scale
+        attach_forms(new)
+        new.settle(2)
+        new = best_formed(new, 1)
+        own_cost, cost = (one.gain_nats - one.evidence_nats for one in (own, better))
+        if (value_of(new) - value_of(fit)) / own.loud < cost - own_cost:
+            return False
+        held = new.parts[-1]
+        held.false_alarm, held.trials = fit.parts[part].false_alarm, better.trials
+        held.cost_nats = cost
+        self.fit = new
+        renew(new)
+        return True
 
     def explained(self, before: float) -> float:
         """Return the share of the baseline's residual power that was explained since `before`."""

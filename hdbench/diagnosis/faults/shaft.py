@@ -31,8 +31,9 @@ ANGLES = ("motor_angle_rad", "encoder_count")
 VELOCITIES = ("motor_velocity_rad_s", "tacho_v")
 # samples of the running mean that takes the motion out: what is left is the channels' own
 FAST = 5
-# a shaft stands where it moves over so many samples by less than this share of what it usually does
-_STILL, _STILL_SHARE = 20, 1e-3
+# a shaft stands, or creeps until it breaks away, where it moves over so many samples by less than
+# this share of what it usually does: no law of the speed holds there
+_STILL, _STILL_SHARE = 20, 5e-3
 # share of the torque's scatter by which it changes at standstill where dry friction holds it: drift
 # and creep are smaller
 _HOLDS = 0.1
