@@ -8,7 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 from swinging_shaft import trace_of
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.discovery.acceleration import seen_acceleration, times_by_shaft
+from hdbench.diagnosis.discovery.acceleration import in_step, seen_acceleration, times_by_shaft
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import fixed_of
 from hdbench.diagnosis.discovery.record import as_followed, on_clock, prepare_record
@@ -194,6 +194,20 @@ def test_an_acceleration_is_by_the_angle_where_the_velocity_is_late():
     assert (
         prepare_record(smooth, PROFILE.data, model, no_mask).motion.acceleration_source == "angle"
     )
+
+
+@pytest.mark.parametrize("samples", [0, 12])
+def test_a_late_velocity_is_put_in_step_with_the_angle(samples):
+    log = reversing_log(None)
+    speed = np.gradient(log["motor_angle_rad"], log.time_s)
+    speed += 0.05 * np.random.default_rng(3).standard_normal(len(log))
+    late = np.concatenate([np.zeros(samples), speed])[: len(log)]
+    motion, told = in_step(
+        motion_from_trace(log.with_columns(motor_velocity_rad_s=late), PROFILE.data)
+    )
+    assert told == pytest.approx(1e-3 * samples, abs=2e-4)
+    # it is known to a part of a sample of ramps of up to 400 rad/s^2
+    assert np.abs(motion.velocity_rad_s - speed)[100:-100].max() < 0.2 + 0.5
 
 
 def test_a_load_that_was_logged_behind_the_filter_stands_as_it_was_logged():

@@ -77,6 +77,16 @@ def test_a_line_whose_size_follows_another_axis_is_told_with_both(torque, domain
     assert told.location == pytest.approx(place, abs=0.25 / turns)
 
 
+def test_a_ripple_that_is_another_in_each_direction_is_told():
+    # the form error of the ripple takes it in, whose wave it has
+    trace = reversing(lambda a, w, _x: 0.02 * np.sign(w) * np.cos(2.0 * a + 0.9), n=12_000)
+    found = diagnose_trace(trace, PROFILE)
+    assert found.causes == ()
+    (place,) = found.unexplained
+    assert {place.domain, place.second_domain} == {"motor-order", "velocity"}
+    assert place.location == 2.0
+
+
 def test_slow_bursts_below_the_scatter_of_the_samples_are_seen():
     def pulses(time, _angle, _speed):
         starts = np.array([1.3, 2.9, 3.1, 5.2, 7.7, 8.8])

@@ -220,6 +220,7 @@ def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
         "torque_low_pass": _low_pass(fit),
         "motion_known_hz": fit.record.motion_passed * 0.5 / fit.record.period_s,
         "clock_jitter": fit.record.clock_jitter,
+        "velocity_late_s": fit.record.velocity_late_s,
         "load_coefficient": fit.record.load,
         "samples_used": int(fit.record.valid.sum()),
         "form_errors": form_errors(fit),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.bands import Bands, make_bands, mirrored_lines
+from hdbench.estimation.delay import delay_of
 from hdbench.model import Motion, baseline_columns
 from hdbench.model.bench import expected_torque_nm
 from hdbench.model.motion import angle_curvature
@@ -24,6 +25,8 @@ _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
 # the square of a sum of products without a common part is above so many times that of their squares
 # once in a hundred, where three quarters of a cell are in the next
 _AGREE = 9.0
+# a velocity is late by what is more than a sample by so many standard deviations
+_SURE = 5.0
 # a drive answers alike to frequencies within so many octaves
 _ALIKE = 0.25
 
@@ -57,6 +60,26 @@ def times_by_shaft(motion: Motion) -> tuple[FloatArray, float]:
     told = np.maximum(told, _LEAST_STEP)
     ticks = motion.time_s[0] + np.concatenate([[0.0], np.cumsum(steps * told)])
     return ticks, float(np.std(told))
+
+
+def in_step(motion: Motion) -> tuple[Motion, float]:
+    """Return the motion with a velocity in step with a measured angle, and how late it was, s.
+
+    A drive's own filter makes its velocity late, which the phase between the two tells. What is
+    less than a sample stays.
+    """
+    time, period_s = motion.time_s, float(np.median(np.diff(motion.time_s)))
+    if motion.angle_source == "velocity":
+        return motion, 0.0
+    told = delay_of(motion.velocity_rad_s, np.gradient(motion.angle_rad, time), period_s)
+    if told is None or abs(told[0]) - _SURE * told[1] < period_s:
+        return motion, 0.0
+    late, known = told[0], motion.valid
+    velocity, acceleration = (
+        np.where(known, np.interp(time + late, time[known], values[known]), np.nan)
+        for values in (motion.velocity_rad_s, motion.acceleration_rad_s2)
+    )
+    return replace(motion, velocity_rad_s=velocity, acceleration_rad_s2=acceleration), late
 
 
 def motions_of(motion: Motion) -> tuple[Motion, ...]:

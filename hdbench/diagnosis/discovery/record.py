@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.acceleration import (
     fit_expected,
+    in_step,
     likeliest,
     motions_of,
     ripple_of,
@@ -86,6 +87,8 @@ class Record:
         Whether `low_pass` was found already.
     clock_jitter : float
         Scatter of the time between samples that the shaft tells; 0 where the stamps are used.
+    velocity_late_s : float
+        Time by which the velocity was behind the angle before it was put in step, s.
     late_s : float
         Time by which the torque was read after the motion, s.
     late_known : bool
@@ -115,6 +118,7 @@ class Record:
     load: float
     motion_passed: float = 1.0
     clock_jitter: float = 0.0
+    velocity_late_s: float = 0.0
     low_pass: LowPass | None = None
     channel_known: bool = False
     late_s: float = 0.0
@@ -243,7 +247,7 @@ def prepare_record(
     """
     torque = torque_from_trace(trace, profile)
     change = change or BaselineChange()
-    motion = motion_from_trace(trace, profile)
+    motion, velocity_late = in_step(motion_from_trace(trace, profile))
     period = float(np.median(np.diff(motion.time_s)))
     read = motion.valid & np.isfinite(torque)
     usable = read & ~masked
@@ -290,6 +294,7 @@ def prepare_record(
         load,
         motion_passed=passed,
         clock_jitter=jitter,
+        velocity_late_s=velocity_late,
         answer_rad_s2=answer,
     )
 

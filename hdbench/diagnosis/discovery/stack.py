@@ -352,6 +352,7 @@ def stack_fits(fits: Sequence[Fit]) -> Fit:
         records[0].load,
         motion_passed=min(one.motion_passed for one in records),
         clock_jitter=max(one.clock_jitter for one in records),
+        velocity_late_s=max((one.velocity_late_s for one in records), key=abs),
         channel_known=True,
         records=tuple(records),
         referenced=_one_reference(fits),

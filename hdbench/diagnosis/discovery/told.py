@@ -120,6 +120,9 @@ def tell(
     for index, part in enumerate(fit.parts):
         term = part.term
         if term is None:
+            # a ripple that is not as its form is is no cause
+            if part.name.startswith("ripple:") and part.form_scale > 0.0:
+                places += form_places(search, index, variance)
             continue
         if not is_table(term.cause):
             linear = tuple(
@@ -225,8 +228,8 @@ def table_places(search: Search, variance: float) -> list[Unexplained]:
 
 
 def form_places(search: Search, part: int, variance: float) -> list[Unexplained]:
-    """Return the axis of a cause's form error where that is more than a name may miss."""
-    if formed_share(search.fit, part) > SPANS:
+    """Return the axis of a form error: of a cause where that is more than a name may miss."""
+    if search.fit.parts[part].term is not None and formed_share(search.fit, part) > SPANS:
         return []
     view = search.fit.copy()
     view.parts[part].form_scale = usual_scale(view.parts[part])
@@ -238,7 +241,7 @@ def form_places(search: Search, part: int, variance: float) -> list[Unexplained]
     found = candidate_of(beside, view.record, look.term, look.trials, look.false_alarm)
     found = weighed(beside, view.record, found, view.shapes, settled(beside, view))
     search.log.append(f"form of {view.parts[part].name}: {found.name} E={found.evidence_nats:.0f}")
-    if found.evidence_nats < RIVAL_NATS:
+    if found.evidence_nats < RIVAL_NATS or look.false_alarm > search.alpha * SHARES["table"]:
         return []
     before = set(range(len(view.parts)))
     new = view.add_term(found.term)

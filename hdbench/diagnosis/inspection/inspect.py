@@ -13,7 +13,7 @@ from hdbench.diagnosis.faults.converter import CHANCE, piled_up, step_of, stuck_
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES, Shaft, derivation, shaft_of
 from hdbench.diagnosis.faults.stamps import gap_steps, gaps_of, held_samples
-from hdbench.diagnosis.inspection.channel import delay_of, same_noise, same_to_the_end
+from hdbench.diagnosis.inspection.channel import same_noise, same_to_the_end
 from hdbench.diagnosis.inspection.log import Log
 from hdbench.diagnosis.inspection.result import (
     ChannelFacts,
@@ -24,6 +24,7 @@ from hdbench.diagnosis.inspection.result import (
     Sampling,
 )
 from hdbench.estimation.bandwidth import Spectrum, spectrum_of
+from hdbench.estimation.delay import delay_of
 from hdbench.importing.convert import unlike_pace
 from hdbench.importing.units import unit_scale
 from hdbench.model.motion import TORQUES
