@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hdbench.devices.node.blocks import DATA_AT, ScanDecoder, channel_bits
+from hdbench.devices.node.blocks import DATA_AT, ScanDecoder
 from hdbench.devices.node.registers import ENCODER_HIGH, block_scans
 
 LIMITS = {
@@ -48,18 +48,3 @@ def test_every_code_is_scaled_and_only_the_two_ends_are_marked(bits):
         assert np.array_equal(values[:, 1], part * (5.0 / 32768.0))
         ends = (part == -32768) | (part == 32768 - step)
         assert np.array_equal(saturated, np.column_stack([ends, ends]))
-
-
-def test_columns_come_in_the_order_that_was_asked_for():
-    roles = ("encoder", "tacho", "torque")
-    assert channel_bits(roles, 1e-3, LIMITS) == 0b100011
-    decoder = ScanDecoder(roles, 1e-3, LIMITS)
-    values, saturated = decoder.decode(wire([[100, 200, 7], [101, 32767, 9]]), 2, 65536 + 7)
-    assert values[:, 0].tolist() == [65543.0, 65545.0]
-    assert values[:, 1].tolist() == [200 * 10.0 / 32768, 32767 * 10.0 / 32768]
-    assert saturated.tolist() == [[False, False, False], [False, True, False]]
-
-
-def test_an_empty_block_has_no_rows():
-    values, saturated = ScanDecoder(ROLES, 1e-3, LIMITS).decode(b"", 0, 0)
-    assert values.shape == saturated.shape == (0, 5)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import socket
-import threading
 
 import numpy as np
 import pytest
@@ -14,10 +12,9 @@ from hdbench.devices.operator import (
     Mistake,
     Mistakes,
     SimulatedOperator,
-    Simulation,
     parse_mistakes,
 )
-from hdbench.errors import DeviceError, UsageError
+from hdbench.errors import UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.fixture import FREE_SWING_S, ArmLoad, shunt_volts
 from hdbench.plant.plantfile import FixtureSpec
@@ -200,19 +197,3 @@ def test_a_fresh_bench_goes_through_the_history_and_a_kept_one_gets_the_last_sta
         assert len(bench.log) == expected
         assert bench.log[-1] == (1.0, 0.5, 2.0, -1)
         assert again.history() == first.history()
-
-
-def test_a_channel_that_answers_with_brackets_without_end_is_no_emulators() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-
-        def answer() -> None:
-            link, _ = listener.accept()
-            with link:
-                link.recv(100)
-                link.sendall(b"[" * 4000 + b"\n")
-
-        stranger = threading.Thread(target=answer)
-        stranger.start()
-        with pytest.raises(DeviceError, match="no emulator's control channel"):
-            Simulation(f"tcp://127.0.0.1:{listener.getsockname()[1]}", embedded=False)
-        stranger.join()

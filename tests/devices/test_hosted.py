@@ -73,12 +73,6 @@ def test_what_a_device_cannot_do_is_told_before_anything_is_written(
     assert daq.written == []
 
 
-def test_without_a_motion_no_watchdog_is_needed():
-    daq = FakeDaq(replace(ABLE, watchdog=None, reference=False))
-    started(daq)
-    assert daq.calls == ["configure", "start"]
-
-
 def test_a_device_that_samples_at_another_period_is_refused():
     with pytest.raises(DeviceError, match=r"every 0\.001001 s; asked for 0\.001 s"):
         bench(FakeDaq(period_s=1.001e-3)).configure(STILL)

@@ -93,15 +93,6 @@ def test_a_stop_never_signals_a_process_that_does_not_hold_the_bench(told):
         assert holder(LINE) is None
 
 
-def test_a_stop_ends_the_process_that_holds_the_bench():
-    with process("-c", RUN, LINE) as run:
-        assert run.stdout.readline() == "held\n"
-        assert holder(LINE) == run.pid
-        release(LINE)
-        assert run.wait(60) == -signal.SIGTERM
-    assert holder(LINE) is None
-
-
 def test_a_run_that_has_yet_to_write_who_it_is_is_ended_too():
     slow = """
 import os, time

@@ -111,7 +111,7 @@ def test_a_connection_asks_nobody_for_a_name(monkeypatch):
 
 
 def test_a_resolver_that_does_not_answer_is_told_before_anything_is_opened(monkeypatch):
-    resolver = Resolver(slow_s=2.0)
+    resolver = Resolver(slow_s=1.0)
     resolver.asked = 1
     monkeypatch.setattr(socket, "getaddrinfo", resolver)
     monkeypatch.setattr(address, "_LONGEST_S", 0.3)

@@ -24,7 +24,7 @@ from hdbench.devices.node.registers import (
     register,
     register_at,
 )
-from hdbench.devices.registers import as_float32, decode_group, encode_group
+from hdbench.devices.registers import decode_group, encode_group
 
 PAGE = (Path(__file__).parents[2] / "docs" / "node-protocol.md").read_text(encoding="utf-8")
 
@@ -182,7 +182,3 @@ def test_the_parameter_block_has_the_order_of_the_reports_node():
     # listing A.1 copies them one by one in this order
     first = "bias_v sample_period_ns n_samples amplitude_v wave frequency_hz duty"
     assert [entry.name for entry in PARAMETERS[:7]] == first.split()
-
-
-def test_volts_are_rounded_to_single_precision_and_no_further():
-    assert as_float32(2.773) == struct.unpack(">f", struct.pack(">f", 2.773))[0]

@@ -206,20 +206,6 @@ def test_a_late_reply_is_never_taken_for_the_next_read():
         assert wire.read(SERIAL)[:4] == b"good"
 
 
-def test_one_lost_reply_is_made_up_within_the_deadline():
-    lost = iter((True, False))
-
-    def drop_first(connection: socket.socket, request: bytes) -> None:
-        if not next(lost):
-            connection.sendall(adu(request, GOOD))
-
-    with _talking(drop_first, 0.6) as (wire, _):
-        watch = Stopwatch()
-        assert wire.read(SERIAL) == GOOD[2:]
-        assert watch.s < 0.6 + SLACK_S
-        assert wire.repeats == 1
-
-
 def test_nobody_listening_is_a_device_error_at_once():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         host, port = listener.getsockname()

@@ -11,7 +11,7 @@ from pymodbus.client.mixin import ModbusClientMixin
 
 from hdbench.devices.modbus.driver import max_rates_hz
 from hdbench.devices.modbus.layout import place_of, plan_blocks, values_of
-from hdbench.devices.registers import Register, decode, encode, range_of, size_of
+from hdbench.devices.registers import Register, decode, encode, size_of
 from hdbench.profile import load_profile
 
 KINDS = ("i16", "u16", "i32", "u32", "f32", "f64")
@@ -52,11 +52,6 @@ def test_what_was_read_is_written_as_the_same_bytes(kind, order, data):
 def test_a_value_that_a_type_does_not_hold_is_refused(value):
     with pytest.raises(ValueError, match="i16"):
         encode(value, "i16", "ABCD")
-
-
-def test_ranges_are_those_of_the_bits():
-    assert range_of("i16") == (-32768.0, 32767.0)
-    assert range_of("u32") == (0.0, 4294967295.0)
 
 
 @pytest.mark.parametrize(
