@@ -74,15 +74,6 @@ def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path):
     assert body["steps"][0]["reversibility_v"] is not None
 
 
-@needs_data
-def test_loads_that_do_not_match_list_the_plateaus_that_were_found(tmp_path):
-    out = tmp_path / "loads.csv"
-    with pytest.raises(DataError, match="found 9 plateaus for 3 loads") as caught:
-        import_staircase(cell_plan(11, (0.0, 10.0, 20.0)), cell_file(), out, arm())
-    assert "--loads" in caught.value.fix
-    assert not out.exists()
-
-
 def staircase(
     levels: list[float], noise: float, rng: np.random.Generator, hold: int = 80
 ) -> tuple[np.ndarray, list[float]]:

@@ -29,16 +29,6 @@ def test_the_misalignment_plan_turns_the_output_twice_in_each_direction() -> Non
     assert plan.duration_s == pytest.approx(2 * half_s, rel=1e-12)
 
 
-def test_a_calibration_loads_up_and_unloads_without_reading_the_top_twice() -> None:
-    points = calibration_plan(PROFILE).points
-    first = [s for s in points if s.experiment == "p1-cw-full"]
-    assert [s.mass_kg for s in first] == [0, 2, 4, 6, 8, 6, 4, 2, 0]
-    assert [s.series for s in first] == ["up"] * 5 + ["down"] * 4
-    assert first[4].torque_nm == pytest.approx(8 * 9.80650 * 0.5, rel=1e-12)
-    ccw = [s for s in points if s.direction == "ccw"]
-    assert all(s.torque_nm <= 0.0 for s in ccw)
-
-
 @pytest.mark.parametrize("make", [calibration_plan, misalignment_plan, ripple_plan])
 def test_the_built_in_profile_plans_within_its_own_limits(make) -> None:
     check_plan(make(PROFILE), PROFILE)
