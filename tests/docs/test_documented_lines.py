@@ -174,10 +174,10 @@ def answered(line: str, words: list[str], capsys: pytest.CaptureFixture[str]) ->
 def short_runs(tmp_path, monkeypatch, changed_profile) -> None:
     """Work in an empty folder, on a bench whose runs take seconds, calibrated with few weights."""
     monkeypatch.chdir(tmp_path)
-    masses = {"full_masses_kg": [0.0, 4.0, 8.0], "low_masses_kg": [0.0, 1.0, 2.0]}
+    weights = {"ranges": ["full"], "full_masses_kg": [0.0, 4.0, 8.0]}
     # `make demo` has them at full length
     short = changed_profile(
-        calibration={"positions": 2, "average_s": 0.25, **masses},
+        calibration={"positions": 2, "average_s": 0.25, **weights},
         misalignment={"velocity_rad_s": 300.0},
         ripple={"duration_s": 4.0},
     )

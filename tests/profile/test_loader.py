@@ -248,7 +248,7 @@ ODD = st.sampled_from(
 
 
 @given(st.integers(0, 10_000), ODD)
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @example(0, "1" * 400)
 def test_no_value_at_any_key_ends_in_anything_but_a_profile_error(place, value):
     text = load_profile(NAME).text
@@ -266,7 +266,7 @@ def test_no_value_at_any_key_ends_in_anything_but_a_profile_error(place, value):
     st.integers(0, 40),
     st.text(st.characters(codec="utf-8") | st.sampled_from("[]{}=.\"'#\n\\\0"), max_size=12) | ODD,
 )
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_no_damage_to_the_text_ends_in_anything_but_a_profile_error(start, length, insert):
     text = load_profile(NAME).text
     damaged = text[:start] + insert + text[start + length :]
