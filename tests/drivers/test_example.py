@@ -13,9 +13,9 @@ from hdbench.profile import load_profile
 
 ROOT = Path(__file__).parents[2]
 DAQ = '[daq]\ndriver = "example-bridge"\naddress = "embedded"\nsample_period_s = 0.1\n'
-# a short calibration: 2 positions, 2 directions, 3 weights up and down
+# a short calibration: 1 position, 2 directions, 3 weights up and down
 SHORT = {
-    "positions = 4": "positions = 2",
+    "positions = 4": "positions = 1",
     'ranges = ["low", "full"]': 'ranges = ["full"]',
     "full_masses_kg = [0.0, 2.0, 4.0, 6.0, 8.0]": "full_masses_kg = [0.0, 4.0, 8.0]",
 }

@@ -111,7 +111,7 @@ def test_a_signal_ends_it_with_the_bench_safe() -> None:
 
 
 def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
-    """One reply in ten is lost; the count comes from the driver, through block and frame."""
+    """One reply in twenty is lost; the count comes from the driver, through block and frame."""
     profile = PROFILE.data
     spoiler = Mangler("drop", TcpFraming(), share=0.0, seed=1)
     with ExitStack() as stack:
@@ -124,7 +124,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
 
         class Spoiling(Seen):
             def frame(self, frame: Frame) -> None:
-                spoiler.share = 0.1
+                spoiler.share = 0.05
                 seen.frames.append(frame)
 
         # two replies in a row may be lost, or come late on a busy machine

@@ -141,7 +141,7 @@ NO_HAND = [
     {"locked": 7},
 ]
 NO_ORDER = [b"\n", b"{\n", b"[1]\n", b'{"fixture": {}}\n', b'{"x": 1}\n', b"[" * 60000 + b"\n"]
-NO_CHANNEL = [b"", b"hello\r\n", b"[1]\n", b"1" * 5000 + b"\n"]
+NO_CHANNEL = [b"", b"hello\r\n", b"[1]\n", b"1" * 5000 + b"\n", b"[" * 4000 + b"\n"]
 
 
 def test_the_channel_refuses_what_no_hand_can_do_and_whoever_reaches_into_a_node_that_samples():

@@ -20,7 +20,7 @@ def shortened(name: str):
     data = profile.data
     shorter = data.model_copy(
         update={
-            "misalignment": data.misalignment.model_copy(update={"velocity_rad_s": 250.0}),
+            "misalignment": data.misalignment.model_copy(update={"velocity_rad_s": 350.0}),
             "ripple": data.ripple.model_copy(update={"duration_s": 4.0, "reference": WAVE}),
         }
     )
