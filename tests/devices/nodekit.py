@@ -50,40 +50,28 @@ class TinyBench:
     def __init__(self) -> None:
         self.fixture: dict[str, object] = {}
         self.begun: list[object] = []
-        self._wave_v = 0.0
-        self._velocity = 0.0
+        self.reference_v = 0.0
+        self.velocity_rad_s = 0.0
+        self.enabled = False
         self._count = 0
         self._period_s = 1e-3
-        self._on = False
-
-    @property
-    def reference_v(self) -> float:
-        return self._wave_v
-
-    @property
-    def velocity_rad_s(self) -> float:
-        return self._velocity
-
-    @property
-    def enabled(self) -> bool:
-        return self._on
 
     def begin(self, *, sample_period_s, wave, duration_s) -> None:
         self.begun.append((sample_period_s, wave, duration_s))
         self._period_s = sample_period_s
         self._count = 0
-        self._on = wave is not None
-        self._wave_v = wave.bias_v + wave.amplitude_v if wave else 0.0
+        self.enabled = wave is not None
+        self.reference_v = wave.bias_v + wave.amplitude_v if wave else 0.0
 
     def halt(self) -> None:
-        self._wave_v = 0.0
+        self.reference_v = 0.0
 
     def advance(self, n_samples: int) -> RawSamples:
-        target = self._wave_v * VELOCITY_PER_VOLT
+        target = self.reference_v * VELOCITY_PER_VOLT
         decay = np.exp(-n_samples * self._period_s / 0.02)
-        self._velocity = target + (self._velocity - target) * decay
-        if self._wave_v == 0.0 and abs(self._velocity) < 1e-3:
-            self._velocity, self._on = 0.0, False
+        self.velocity_rad_s = target + (self.velocity_rad_s - target) * decay
+        if self.reference_v == 0.0 and abs(self.velocity_rad_s) < 1e-3:
+            self.velocity_rad_s, self.enabled = 0.0, False
         index = np.arange(self._count, self._count + n_samples)
         self._count += n_samples
         return RawSamples(*codes_of(index))

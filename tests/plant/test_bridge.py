@@ -51,17 +51,6 @@ def test_one_wrong_rosette_of_four_leaves_half_the_sine_of_its_error(degrees: fl
     assert abs(left) == pytest.approx(SINGLE_V * math.sin(delta) / 2, rel=1e-12)
 
 
-@pytest.mark.parametrize("degrees", [0.5, 1.0, 2.0])
-def test_one_wrong_rosette_of_two_leaves_the_sine_of_its_error(degrees: float) -> None:
-    delta = math.radians(degrees)
-    strains = replace(PERFECT, placement_error_rad=(0.0, delta, 0.0, 0.0)).rosette_strains(
-        np.zeros_like(BETA), BETA
-    )
-    # equation 4 over the first two rosettes: (K / 4) (e1 - e2 + e3 - e4) in units of K
-    left = _order((strains[0] + strains[1]) / 4.0, 2)
-    assert abs(left) == pytest.approx(0.5 * 200e-6 * math.sin(delta), rel=1e-12)
-
-
 def test_ninety_degrees_do_not_cancel_the_second_harmonic() -> None:
     bridge = replace(PERFECT, wave_harmonic=0.1)
     left = bridge.output_v(np.zeros_like(BETA), BETA)
