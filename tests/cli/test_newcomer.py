@@ -10,8 +10,8 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import numpy as np
@@ -27,37 +27,22 @@ from hdbench_cli.output import Output
 NAMES = ("time_s", "motor_velocity_rad_s", "torque_nm")
 
 
-@dataclass(frozen=True)
-class Told:
-    """How a command ended, and what it said."""
-
-    code: int
-    kind: str
-    what: str
-    where: str
-    fix: str
-    problems: tuple[dict[str, str], ...] = ()
-
-
-Ask = Callable[..., Told]
-
-
 @pytest.fixture
-def ask(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Ask:
-    """Call a command with --json in this process; what it prints must be one object."""
+def ask(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., SimpleNamespace]:
+    """Call a command with --json in this process, for its code and the error in its one object."""
     monkeypatch.setenv("NO_COLOR", "1")
 
-    def call(*words: object) -> Told:
+    def call(*words: object) -> SimpleNamespace:
         capsys.readouterr()
-        arguments = [*map(str, words), "--json"]
-        code = main_module._run(arguments, Output(json=True))
+        code = main_module._run([*map(str, words), "--json"], Output(json=True))
         printed = capsys.readouterr()
         assert "Traceback" not in printed.err
-        body = json.loads(printed.out)
-        error = body.get("error", {"kind": "", "what": printed.err, "where": "", "fix": ""})
-        assert error.get("exit_code", code) == code
-        problems = tuple(error.get("problems", ()))
-        return Told(code, error["kind"], error["what"], error["where"], error["fix"], problems)
+        told = dict.fromkeys(("kind", "where", "fix"), "") | {"what": printed.err, "problems": ()}
+        told |= {"code": code, "exit_code": code, **json.loads(printed.out).get("error", {})}
+        assert told["exit_code"] == code
+        return SimpleNamespace(**told)
 
     return call
 

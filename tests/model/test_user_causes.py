@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -251,20 +252,16 @@ def test_two_causes_of_one_name_never_share_a_model(tmp_path, profile):
         model.with_extra([other])
 
 
-class _Distribution:
-    name = "bench-extras"
+def entry_of(thing: object, name: str) -> SimpleNamespace:
+    """Return an entry point that gives what it is told to."""
 
+    def load() -> object:
+        if isinstance(thing, Exception):
+            raise thing
+        return thing
 
-class _Entry:
-    """An entry point that gives what it is told to."""
-
-    def __init__(self, thing: object, name: str = "extras") -> None:
-        self.thing, self.name, self.value, self.dist = thing, name, "extras:causes", _Distribution()
-
-    def load(self) -> object:
-        if isinstance(self.thing, Exception):
-            raise self.thing
-        return self.thing
+    package = SimpleNamespace(name="bench-extras")
+    return SimpleNamespace(name=name, value="extras:causes", dist=package, load=load)
 
 
 def renamed(name: str) -> Cause:
@@ -276,7 +273,7 @@ def renamed(name: str) -> Cause:
 def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     def install(*things: object) -> None:
         plugin_causes.cache_clear()
-        entries = [_Entry(thing, f"e{k}") for k, thing in enumerate(things)]
+        entries = [entry_of(thing, f"e{k}") for k, thing in enumerate(things)]
         monkeypatch.setattr("hdbench.model.cause.entry_points", lambda group: entries)
 
     yield install

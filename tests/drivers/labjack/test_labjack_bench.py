@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from served import read_samples
 
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
@@ -20,12 +21,7 @@ NODE = load_profile("cim-tr-97-06")
 def _acquire(bench, settings: AcquisitionSettings) -> dict[str, np.ndarray]:
     bench.configure(settings)
     bench.start()
-    blocks, taken = [], 0
-    while taken < settings.n_samples:
-        block = bench.read_block()
-        if block is not None:
-            blocks.append(block)
-            taken += len(block) + block.lost_before
+    blocks = read_samples(bench, settings.n_samples)
     bench.stop()
     names = ("torque_v", "tacho_v", "motor_current_a", "reference_v", "encoder_count")
     return {
