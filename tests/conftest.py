@@ -4,8 +4,6 @@ The suite says whether a change is good; looking for new inputs is the work of
 `tools/faults/inputs.py`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Processes that are forks of this one: what they import is loaded already."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Errors say what, where and one fix, as data too."""
 
-from __future__ import annotations
-
 import pickle
 
 import pytest

@@ -1,7 +1,5 @@
 """A tiny bench, a node served in a thread, and a Modbus server that misbehaves on order."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import subprocess

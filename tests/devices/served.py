@@ -1,7 +1,5 @@
 """An emulated device in a thread of this process, and what a driver reads of it."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Callable

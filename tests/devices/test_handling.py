@@ -1,7 +1,5 @@
 """Weights that swing, come off, or are wrong; a shunt; the operator's mistakes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A program of the reference generator: written part by part, checked, put out without a pause."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

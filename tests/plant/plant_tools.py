@@ -1,7 +1,5 @@
 """Profiles and plants for the plant's tests."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hdbench.plant.plantfile import PlantFile, PlantSpec, load_plant

@@ -1,7 +1,5 @@
 """The simulated bench as a whole against the closed form of its model."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Strain-gauge bridge against the report's equations and closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Anti-alias filter, codes and counts against scipy and closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

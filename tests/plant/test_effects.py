@@ -1,7 +1,5 @@
 """Effects of a plant against their closed forms, and what a seed chooses."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """Effects of the plant are what the catalogue's causes of the same name explain."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

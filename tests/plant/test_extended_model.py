@@ -1,7 +1,5 @@
 """Causes of an extended model on the true motion of the emulated bench."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, quiet_profile

@@ -1,7 +1,5 @@
 """Plant files: what is read, and how a bad one is named."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

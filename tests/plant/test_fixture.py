@@ -1,7 +1,5 @@
 """Arm, weights and gain by position against statics and probability."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

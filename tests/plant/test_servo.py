@@ -1,7 +1,5 @@
 """Motor and servo amplifier against closed forms and a general integrator."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

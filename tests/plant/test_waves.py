@@ -1,7 +1,5 @@
 """Plant `as-modelled`: under every reference wave the torque channel holds the model alone."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -16,17 +16,8 @@ from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace, write_trace
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "stored"))
-import generate
+import generate as generate  # what its traces are made by
 
-__all__ = [
-    "calibration_run",
-    "diagnosis_run",
-    "dynamic_run",
-    "generate",
-    "new_run",
-    "table",
-    "trace_of",
-]
 SCALE = TorqueScale(Quantity(6.6, 0.03, 3.0), "calibration 20260101T000000Z-calibration-abc123")
 
 

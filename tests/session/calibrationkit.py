@@ -1,7 +1,5 @@
 """A calibration without a wire: a scripted person, hands that set the fake bench, a journal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A bench without a wire: logs every call, fails on demand, knows whether its motor turns."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

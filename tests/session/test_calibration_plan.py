@@ -1,7 +1,5 @@
 """The sequence of a calibration is what the report and the guideline ask for."""
 
-from __future__ import annotations
-
 import json
 import math
 

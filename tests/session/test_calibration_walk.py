@@ -1,7 +1,5 @@
 """A calibration asks once, keeps everything, and is guarded at every weight."""
 
-from __future__ import annotations
-
 import signal
 from dataclasses import replace
 from pathlib import Path

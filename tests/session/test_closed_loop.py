@@ -1,7 +1,5 @@
 """The whole slice over the wire: three experiments on the embedded bench, and what they keep."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A wrong weight is noticed, and the weight that would explain it is named."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Looking on moves nothing, keeps nothing, and tells what the channels did."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from contextlib import ExitStack

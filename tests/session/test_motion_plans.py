@@ -1,7 +1,5 @@
 """A plan file becomes one run: one program between load steps, loads asked for and recorded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run that ended early goes on in its folder: same bench, same gains, nothing measured twice."""
 
-from __future__ import annotations
-
 import os
 import signal
 from dataclasses import replace

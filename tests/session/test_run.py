@@ -1,7 +1,5 @@
 """However a run ends, an unconfirmed safe state is what the user hears."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 
 import pytest

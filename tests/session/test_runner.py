@@ -1,7 +1,5 @@
 """The runner makes the bench safe on every way out and keeps what came."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

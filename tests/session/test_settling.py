@@ -1,7 +1,5 @@
 """A reading counts only when it stands still; one that swings is averaged over whole periods."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Only the bench that this process started is simulated; a device's own word moves no motor."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading

@@ -1,14 +1,12 @@
 """An emulated Modbus device in a thread of this process, and a driver that talks to it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 from faults.lines import in_thread
-from served import InThread, read_all
+from served import InThread
 
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import SimulatedInstrument
@@ -18,18 +16,6 @@ from hdbench.devices.emulator.serving import Emulation
 from hdbench.devices.modbus.driver import ModbusDaq, open_modbus
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
-
-__all__ = [
-    "BENCH",
-    "COUPLER",
-    "TORQUE",
-    "Served",
-    "driver",
-    "read_all",
-    "served",
-    "settings",
-    "table",
-]
 
 BENCH = load_profile("cim-tr-97-06").data
 COUPLER = load_profile("di-2108-ek9000").data.daq.outputs

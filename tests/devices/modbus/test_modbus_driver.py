@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from faults.lines import faulty_serial, faulty_tcp
 from faults.mangler import Mangler, RtuFraming, TcpFraming
-from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
+from modbuskit import COUPLER, TORQUE, driver, served, settings, table
 from pymodbus.client import ModbusTcpClient
-from served import not_made_safe, swap_words
+from served import not_made_safe, read_all, swap_words
 from stopwatch import Stopwatch
 
 from hdbench.devices.emulator.instrument import ElectricalSamples

@@ -1,14 +1,12 @@
 """An emulated DATAQ instrument in a thread of this process, and a driver that talks to it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from faults.lines import in_thread
-from served import InThread, read_all
+from served import InThread
 
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import SimulatedInstrument
@@ -17,8 +15,6 @@ from hdbench.drivers.dataq.driver import DataqDaq, open_dataq
 from hdbench.drivers.dataq.emulator import DataqDevice, EmulatedDataq, emulate_dataq
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.profile import load_profile
-
-__all__ = ["BENCH", "ROLES", "Served", "driver", "read_all", "served", "settings", "table"]
 
 BENCH = load_profile("cim-tr-97-06").data
 ROLES = ("torque", "tacho", "current", "reference")

@@ -6,10 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
+from dataqkit import BENCH, ROLES, driver, served, settings, table
 from faults.lines import faulty_serial
 from faults.mangler import Mangler, RawFraming
 from nodekit import until
+from served import read_all
 
 from hdbench.drivers.dataq import port as serial_port
 from hdbench.drivers.dataq.port import Commands, Port

@@ -1,7 +1,5 @@
 """An emulated T7 in a thread of this process, and a driver that talks to it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
