@@ -86,7 +86,6 @@ def test_a_stop_never_signals_a_process_that_does_not_hold_the_bench(told):
             assert other.stdout.readline() == "held\n"
             with pytest.raises(BusyError) as caught:
                 release(LINE, timeout_s=0.3)
-            assert caught.value.exit_code == 9
             assert caught.value.fix
             assert other.poll() is None
         assert stranger.poll() is None, "a stranger was ended"

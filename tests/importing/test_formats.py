@@ -112,7 +112,6 @@ def test_channels_that_cannot_be_used_are_refused_in_every_format(form, spoil, w
     file = write_sample(form, tmp_path, kept)
     with pytest.raises(DataError, match=word) as caught:
         import_files(recipe(form), [file], tmp_path / "out.csv")
-    assert caught.value.exit_code == 4
     assert "\n" not in str(caught.value.what)
     assert list(tmp_path.iterdir()) == [file]
 
@@ -265,9 +264,8 @@ def test_names_that_cannot_be_used_are_refused(text, word, tmp_path):
     file.write_text(text)
     name = "tor\x07que" if "\x07" in text else "torque"
     asked = Recipe(map={"time_s": "time", "torque_nm": name, "motor_velocity_rad_s": "speed"})
-    with pytest.raises(DataError, match=word) as caught:
+    with pytest.raises(DataError, match=word):
         import_files(asked, [file], tmp_path / "out.csv")
-    assert caught.value.exit_code == 4
     assert list(tmp_path.iterdir()) == [file]
 
 

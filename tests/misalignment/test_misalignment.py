@@ -124,9 +124,8 @@ def test_between_one_and_two_turns_is_marked():
 
 def test_less_than_one_turn_is_refused_with_what_is_needed():
     trace = known_trace(np.random.default_rng(9), both_ways_velocity(0.6, FAST))
-    with pytest.raises(DataError, match="needed: at least 1 output turn") as caught:
+    with pytest.raises(DataError, match="needed: at least 1 output turn"):
         evaluate(trace)
-    assert caught.value.exit_code == 4
 
 
 def test_a_motor_at_rest_is_refused():

@@ -76,9 +76,8 @@ def test_a_run_is_not_made_where_another_one_or_a_file_is(tmp_path, profile):
     make(tmp_path, profile)
     (tmp_path / "file").write_text("")
     for parent in (tmp_path, tmp_path / "file" / "runs"):
-        with pytest.raises(StorageError) as caught:
+        with pytest.raises(StorageError):
             make(parent, profile)
-        assert caught.value.exit_code == 7
 
 
 def test_a_finished_run_hashes_its_files_and_verify_sees_any_change(tmp_path, profile):
@@ -183,9 +182,8 @@ def test_a_broken_run_is_listed_as_invalid_and_refused(tmp_path, text):
     path = tmp_path / "20260101T000000Z-ripple-000000"
     path.mkdir()
     (path / "run.json").write_text(text)
-    with pytest.raises(DataError) as caught:
+    with pytest.raises(DataError):
         RunFolder.open(path)
-    assert caught.value.exit_code == 4
     assert [run.status for run in list_runs(tmp_path)] == ["invalid"]
     assert not verify_runs([path])[0].ok
 
