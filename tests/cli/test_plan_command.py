@@ -60,6 +60,13 @@ def test_wrong_input_is_told_in_words(tmp_path, hdbench):
     bad.write_text('schema = "hdbench/plan/1"\n[[segments]]\nkind = "rest"\n')
     done = hdbench("run-ripple", "--plan", bad, "--dry-run", code=4)
     assert "segments[0].duration_s" in done[1]
+    fast = tmp_path / "f.toml"
+    fast.write_text(
+        'schema = "hdbench/plan/1"\n[[segments]]\nkind = "ramp"\nspeed_rad_s = 900\n'
+        'duration_s = 9\n[[segments]]\nkind = "ramp"\nspeed_rad_s = 0\nduration_s = 9\n'
+    )
+    done = hdbench("run-ripple", "--plan", fast, "--dry-run", code=2)
+    assert "motor speed 900 rad/s is above 400" in done[1]
 
 
 def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(

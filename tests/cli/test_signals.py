@@ -109,6 +109,19 @@ def test_a_signal_in_any_phase_gives_no_traceback(served, tmp_path, delay_s):
     assert manifest(out)["status"] == "incomplete"
 
 
+def test_a_signal_during_a_calibration_keeps_the_readings(served, tmp_path):
+    out = tmp_path / "runs"
+    process = start(served, out, "calibrate")
+    # mounting, the bridge at rest and two readings
+    wait_for(lambda: journal_size(out) > 4_000, 120.0)
+    process.send_signal(signal.SIGTERM)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 143, stderr
+    run = manifest(out)
+    assert run["status"] == "incomplete"
+    assert "loads.csv" in run["files"]
+
+
 def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path, text):
     out = tmp_path / "runs"
     with serving(tmp_path, text) as bench:

@@ -7,7 +7,7 @@ from faults import polled
 
 # deadlines that other work on this machine does not pass for a fault
 DEADLINES_S = {"tcp": 0.25, "rtu": 0.4, "rtu+tcp": 0.4}
-FAULTS = {"tcp": 6, "rtu": 2, "rtu+tcp": 2}
+FAULTS = {"tcp": 6, "rtu": 3, "rtu+tcp": 3}
 TOLD = [
     (wire, kind)
     for wire in polled.WIRES
