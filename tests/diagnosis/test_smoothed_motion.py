@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
-from swinging_shaft import trace_of
+from swinging_shaft import reversing, trace_of
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.diagnosis.discovery.acceleration import in_step, seen_acceleration, times_by_shaft
@@ -208,6 +208,26 @@ def test_a_late_velocity_is_put_in_step_with_the_angle(samples):
     assert told == pytest.approx(1e-3 * samples, abs=2e-4)
     # it is known to a part of a sample of ramps of up to 400 rad/s^2
     assert np.abs(motion.velocity_rad_s - speed)[100:-100].max() < 0.2 + 0.5
+
+
+@pytest.mark.parametrize(
+    ("held", "share"),
+    [
+        (lambda load: load, 1.0),
+        (lambda load: -load, -1.0),
+        (lambda load: 0.0 * load, 0.0),
+        # a limit at two fifths of the load, and friction that follows it
+        (lambda load: np.clip(load, -8.0, 8.0), 1.0),
+        (lambda load: 0.1 * np.abs(load), 0.0),
+    ],
+)
+def test_a_load_is_in_the_torque_where_that_follows_it(held, share):
+    trace = reversing()
+    load = trace["load_torque_nm"]
+    changed = trace.with_columns(torque_nm=trace["torque_nm"] - load + held(load))
+    no_mask = np.zeros(len(trace), dtype=bool)
+    model = BenchModel.from_profile(PROFILE.data)
+    assert prepare_record(changed, PROFILE.data, model, no_mask).load == share
 
 
 def test_a_load_that_was_logged_behind_the_filter_stands_as_it_was_logged():

@@ -47,6 +47,9 @@ _PLAIN_BELOW, _FEW = (0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.35), 0.01
 _MISALIGNED = 3.0
 # the inertia of a profile is off by 30 % as a rule: half of the expected power is then there
 _LEAST_POWER = 0.5
+# a measured load of which the torque holds less than this share is none of it: a limit may hold
+# more than half of it back, and what only follows a load has some tenths
+_IN_TORQUE = 0.3
 # a torque channel tells what it passes half of
 _PASSED = 0.5
 # share of the power of the angle that is the motion itself
@@ -392,19 +395,18 @@ def _sampled_lines(
 def _load_share(
     motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
 ) -> float:
-    """Return 1, 0 or -1: the coefficient of the measured load that leaves least."""
+    """Return 1, 0 or -1: whether the measured load is in the torque, and with which sign."""
     if motion.load_torque_nm is None:
         return 1.0
     usable = motion.valid & np.isfinite(torque) & np.isfinite(motion.load_torque_nm) & ~masked
     load = motion.load_torque_nm[usable]
     fixed, _, columns = baseline_columns(motion, profile, load=0.0)
     speed = motion.velocity_rad_s[usable]
-    design = np.column_stack([columns[usable], speed, np.sign(speed)])
-    if not len(load) > design.shape[1] or not float(np.abs(load).max()) > 0.0:
+    design = np.column_stack([load, columns[usable], speed, np.sign(speed)])
+    if not len(load) >= design.shape[1] or not float(np.abs(load).max()) > 0.0:
         return 1.0
-    both = np.column_stack([(torque - fixed)[usable], load])
-    left = both - design @ np.linalg.lstsq(design, both, rcond=None)[0]
-    return min((1.0, 0.0, -1.0), key=lambda x: float(np.sum((left[:, 0] - x * left[:, 1]) ** 2)))
+    share = np.linalg.lstsq(design, (torque - fixed)[usable], rcond=None)[0][0]
+    return float(np.sign(share)) if abs(share) > _IN_TORQUE else 0.0
 
 
 def with_simulated(
