@@ -74,12 +74,16 @@ def in_step(motion: Motion) -> tuple[Motion, float]:
     told = delay_of(motion.velocity_rad_s, np.gradient(motion.angle_rad, time), period_s)
     if told is None or abs(told[0]) - _SURE * told[1] < period_s:
         return motion, 0.0
-    late, known = told[0], motion.valid
-    velocity, acceleration = (
-        np.where(known, np.interp(time + late, time[known], values[known]), np.nan)
-        for values in (motion.velocity_rad_s, motion.acceleration_rad_s2)
-    )
-    return replace(motion, velocity_rad_s=velocity, acceleration_rad_s2=acceleration), late
+    known = motion.valid
+
+    def earlier(values: FloatArray) -> FloatArray:
+        return np.where(known, np.interp(time + told[0], time[known], values[known]), np.nan)
+
+    moved = replace(motion, velocity_rad_s=earlier(motion.velocity_rad_s))
+    # an acceleration by the angle is in step already
+    if motion.acceleration_source != "angle":
+        moved = replace(moved, acceleration_rad_s2=earlier(motion.acceleration_rad_s2))
+    return moved, told[0]
 
 
 def motions_of(motion: Motion) -> tuple[Motion, ...]:

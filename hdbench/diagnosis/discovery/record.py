@@ -48,7 +48,7 @@ _MISALIGNED = 3.0
 # the inertia of a profile is off by 30 % as a rule: half of the expected power is then there
 _LEAST_POWER = 0.5
 # a measured load of which the torque holds less than this share is none of it: a limit may hold
-# more than half of it back, and what only follows a load has some tenths
+# more than half of it back, and what only follows a load may hold .15 (EMPS with load pulses)
 _IN_TORQUE = 0.3
 # a torque channel tells what it passes half of
 _PASSED = 0.5
