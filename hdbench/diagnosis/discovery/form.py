@@ -308,17 +308,21 @@ def attach_forms(fit: Fit, *, idle: bool = False) -> None:
         table = part.term is not None and is_table(part.term.cause)
         if table or bool(np.any((fit.owner == index) & fit.form)):
             continue
-        if part.name != FIXED:
-            flat = fit.flat(index)
-            own = np.linalg.pinv(covariance[np.ix_(flat, flat)], hermitian=True)
-            if float(fit.coefficients[flat] @ own @ fit.coefficients[flat]) < STRONG:
-                continue
+        if part.name != FIXED and own_statistic(fit, index, covariance) < STRONG:
+            continue
         rows, products = form_rows(fit, index)
         if len(rows):
             fit.add_form(index, rows, products)
             part.form_scale = part.form_scale or usual_scale(part)
     if len(fit.rows) > before:
         fit.settle(1)
+
+
+def own_statistic(fit: Fit, part: int, covariance: FloatArray) -> float:
+    """Return the squared size of a part in standard deviations, form errors and all others free."""
+    flat = fit.flat(part)
+    own = np.linalg.pinv(covariance[np.ix_(flat, flat)], hermitian=True)
+    return float(fit.coefficients[flat] @ own @ fit.coefficients[flat])
 
 
 def _accelerates(record: Record) -> bool:

@@ -9,7 +9,13 @@ from itertools import product
 import numpy as np
 
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
-from hdbench.diagnosis.discovery.form import attach_forms, best_form_move, form_cost, usual_scale
+from hdbench.diagnosis.discovery.form import (
+    attach_forms,
+    best_form_move,
+    form_cost,
+    own_statistic,
+    usual_scale,
+)
 from hdbench.diagnosis.discovery.moments import inverse
 from hdbench.diagnosis.discovery.record import SAMPLED, with_simulated
 from hdbench.diagnosis.discovery.refine import candidate_of
@@ -22,6 +28,7 @@ from hdbench.diagnosis.discovery.term import (
     tangent_columns,
     term_columns,
 )
+from hdbench.diagnosis.evidence import RIVAL_NATS
 from hdbench.model import Cause, shape_bounds
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
 from hdbench.records.trace import FloatArray
@@ -203,15 +210,38 @@ def is_within(fit: Fit, part: int) -> bool:
     return fit.size_nm(part) <= _LARGEST * float(np.sqrt(np.mean(fit.measured**2)))
 
 
+def sized(fit: Fit) -> tuple[Fit, dict[int, int]]:
+    """Return the fit in which names have their sizes, and the place of each of its parts in `fit`.
+
+    That is the one without tables where a table takes in a name.
+    """
+    tables = fit.tables()
+    if not tables or not _unsized(fit) - set(tables):
+        return fit, {part: part for part in range(len(fit.parts))}
+    kept = [part for part in range(len(fit.parts)) if part not in tables]
+    return fit.without(*tables), dict(enumerate(kept))
+
+
 def impossible_parts(fit: Fit) -> set[int]:
     """Return the causes whose size beside all others is none that they can have."""
-    std = np.sqrt(np.diag(inverse(fit.information)))
+    view, places = sized(fit)
+    return {places[part] for part in _unsized(view)} | _unsized(fit) & set(fit.tables())
+
+
+def _unsized(fit: Fit) -> set[int]:
+    """Return the causes of a fit whose size is outside of its limits, may be zero, or is too large.
+
+    Of one that may be zero the form error alone explains what it is held for.
+    """
+    covariance = inverse(fit.information)
+    std = np.sqrt(np.diag(covariance))
     found = set()
     for part in fit.causes():
         slack = _POSSIBLE_STDS * std[fit.flat(part)] / fit.parts[part].scale
         limits = zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
         inside = all(p.lower - s <= value <= p.upper + s for p, value, s in limits)
-        if not inside or not is_within(fit, part):
+        sure = own_statistic(fit, part, covariance) > 2.0 * RIVAL_NATS
+        if not inside or not sure or not is_within(fit, part):
             found.add(part)
     return found
 

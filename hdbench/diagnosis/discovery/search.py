@@ -493,7 +493,7 @@ class Search:
         while len(fit.causes()) > most:
             impossible = impossible_parts(fit)
             gone = [part for part in fit.causes() if part in impossible or self._merged(part)]
-            worst, spare = (gone[0], -np.inf) if gone else (None, 0.0)
+            worst, spare = (gone[-1], -np.inf) if gone else (None, 0.0)
             for part in () if gone else fit.causes():
                 needed = needed_nats(fit.term(part)) if least is None else least
                 value = self.evidence_of(part) - needed

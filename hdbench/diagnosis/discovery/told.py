@@ -12,7 +12,7 @@ from hdbench.diagnosis.discovery.channel import DELAY, best_delay
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.form import USUAL, formed_share, usual_scale
 from hdbench.diagnosis.discovery.heldout import HeldOut, Prediction, gain_between, hold_out
-from hdbench.diagnosis.discovery.joint import is_within
+from hdbench.diagnosis.discovery.joint import is_within, sized
 from hdbench.diagnosis.discovery.lines import scan_power
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.naming import Named, name_causes
@@ -112,7 +112,9 @@ def tell(
     names = everything - set(fit.tables())
     with_names = held.predict(names)
     variance = mean_square(early, base)
-    matrices = covariances(fit)
+    sizes, places_in_fit = sized(fit)
+    matrices = covariances(sizes)
+    at = {whole: part for part, whole in places_in_fit.items()}
     causes: list[NamedCause] = []
     places: list[Unexplained] = []
     terms: list[CauseTerm] = [late_term(fit)] if fit.record.late_known else []
@@ -127,9 +129,9 @@ def tell(
         if not is_table(term.cause):
             linear = tuple(
                 float(np.clip(x, p.lower, p.upper))
-                for x, p in zip(fit.linear(index), term.cause.linear, strict=True)
+                for x, p in zip(sizes.linear(at[index]), term.cause.linear, strict=True)
             )
-            matrix = tuple(tuple(map(float, row)) for row in matrices[index])
+            matrix = tuple(tuple(map(float, row)) for row in matrices[at[index]])
             terms.append(CauseTerm(term.name, dict(term.shape), linear, matrix))
         if term.known:
             continue
