@@ -53,9 +53,9 @@ class TimedSocket:
             return
         # a request fits the socket's buffer; only a device that reads nothing lets it fill
         while data:
-            with contextlib.suppress(BlockingIOError):
+            try:
                 data = data[self._connection.send(data, socket.MSG_DONTWAIT) :]
-            if data:
+            except BlockingIOError:
                 self._wait(select.POLLOUT, until_s)
 
     def receive(self, size: int, until_s: float) -> bytes:

@@ -12,13 +12,12 @@ from hdbench.errors import UsageError
 
 # methods that are overridden or called: class, name, parameters, and what for
 INTERNALS = (
-    ("DecodePDU", "decode", "self, frame", "checks a reply before it is decoded"),
     ("DecodePDU", "lookupPduClass", "self, data", "tells the length of an RTU frame"),
     ("ModbusPDU", "calculateRtuFrameSize", "data", "tells the length of an RTU frame"),
     ("FramerBase", "decode", "self, _data", "finds the end of a frame"),
     ("FramerBase", "encode", "self, payload, _dev_id, _tid", "frames a reply"),
     ("FramerBase", "buildFrame", "self, message", "frames a request"),
-    ("FramerBase", "handleFrame", "self, data, exp_devid, exp_tid", "skips replies to others"),
+    ("FramerBase", "handleFrame", "self, data, exp_devid, exp_tid", "lets a reply through"),
     ("FramerRTU", "check_CRC", "data, check", "checks an RTU reply"),
     (
         "ModbusBaseSyncClient",
@@ -26,9 +25,10 @@ INTERNALS = (
         "self, framer, retries, comm_params, trace_packet, trace_pdu, trace_connect",
         "makes the client whose framer is replaced",
     ),
-    ("ModbusBaseSyncClient", "execute", "self, no_response_expected, request", "one transaction"),
     ("ModbusBaseSyncClient", "send", "self, request, addr", "hands a frame to the line"),
     ("ModbusBaseSyncClient", "recv", "self, size", "asks the line for what came"),
+    ("TransactionManager", "getNextTID", "self", "numbers the requests"),
+    ("TransactionManager", "pdu_send", "self, pdu, addr", "hands a request to framer and line"),
     ("TransactionManager", "sync_get_response", "self, dev_id, tid", "hands it to the framer"),
     ("ModbusProtocol", "close", "self, reconnect", "ends every connection of a server"),
     ("ModbusProtocol", "datagram_received", "self, data, addr", "takes what a host sends"),

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import socket
-import struct
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ from hdbench.devices import pymodbusparts as pm
 from hdbench.devices.wire.address import Address, dial
 from hdbench.devices.wire.link import FrameError, Link, Probe, ReplyCheck
 from hdbench.devices.wire.rtu import RtuLink
-from hdbench.devices.wire.tcp import Secure, TcpLink, left_to_connect_s, security_of
+from hdbench.devices.wire.tcp import HEADER, Secure, TcpLink, left_to_connect_s, security_of
 from hdbench.system.lines import Claim, PortIo, socket_io
 from hdbench.system.sockets import TimedSocket
 
@@ -36,32 +35,35 @@ class _Bytes(pm.ModbusPDU):
 
     data = b""
 
-    def encode(self) -> bytes:
-        return self.data
 
-
-class _Decoder(pm.DecodePDU):
+class _Framer(pm.FramerBase):
     """Lets one reply through: the one that the pending request allows."""
 
     check: ReplyCheck
-    function = 0
+    function = unit = 0
+    # what came behind the reply
+    rest = b""
 
     def __init__(self) -> None:
-        super().__init__(False)
+        super().__init__(pm.DecodePDU(False))
         self._reply = _Bytes()
 
-    def decode(self, frame: bytes) -> pm.ModbusPDU:
-        self.check(frame)
-        self._reply.data = frame
-        return self._reply
+    def buildFrame(self, message: Any) -> bytes:  # noqa: N802 - pymodbus' name
+        return self.encode(message.data, message.dev_id, message.transaction_id)
 
-
-class _Framer(pm.FramerBase):
-    """What the strict framers share: unit of the pending request, what came behind its reply."""
-
-    unit = 0
-    rest = b""
-    decoder: _Decoder
+    def handleFrame(  # noqa: N802 - pymodbus' name
+        self, data: bytes, exp_devid: int, exp_tid: int
+    ) -> tuple[int, pm.ModbusPDU | None]:
+        used, unit, number, pdu = 0, -1, -1, b""
+        # whole replies of other transactions and units are passed over
+        while unit != exp_devid or number != exp_tid:
+            size, unit, number, pdu = self.decode(data[used:])
+            if not size:
+                return used, None
+            used += size
+        self.check(pdu)
+        self._reply.data = pdu
+        return used, self._reply
 
     def check_unit(self, unit: int) -> None:
         if unit != self.unit:
@@ -69,20 +71,24 @@ class _Framer(pm.FramerBase):
 
 
 class _Socket(_Framer, pm.FramerSocket):
-    """Modbus TCP and UDP; pymodbus itself drops whole replies of other transactions and units."""
+    """Modbus TCP and UDP."""
 
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
         self.rest = b""
-        if len(data) < 6:
+        if len(data) < 7:
             return _INCOMPLETE
-        number, protocol, length = struct.unpack_from(">HHH", data)
+        number, protocol, length, unit = HEADER.unpack_from(data)
         # unit and function code at least, 253 bytes of function code and data at most
         if protocol or not 2 <= length <= 254:
             raise FrameError(f"protocol {protocol}, length {length}: not a Modbus TCP frame")
-        if len(data) < 6 + length:
+        end = 6 + length
+        if len(data) < end:
             return _INCOMPLETE
-        self.rest = data[6 + length :]
-        return 6 + length, data[6], number, data[7 : 6 + length]
+        self.rest = data[end:]
+        return end, unit, number, data[7:end]
+
+    def encode(self, payload: bytes, device_id: int, tid: int) -> bytes:
+        return HEADER.pack(tid, 0, len(payload) + 1, device_id) + payload
 
 
 class _Rtu(_Framer, pm.FramerRTU):
@@ -91,7 +97,7 @@ class _Rtu(_Framer, pm.FramerRTU):
     def decode(self, data: bytes) -> tuple[int, int, int, bytes]:
         if len(data) < 3:
             return _INCOMPLETE
-        if data[1] & 0x7F != self.decoder.function:
+        if data[1] & 0x7F != self.function:
             raise FrameError(f"function code {data[1]} was never asked for")
         kind = self.decoder.lookupPduClass(data)
         size = 0 if kind is None else kind.calculateRtuFrameSize(data)
@@ -144,8 +150,7 @@ class StrictClient(pm.ModbusBaseSyncClient):
     def __init__(self, form: str, unit: int) -> None:
         kind = pm.FramerType(form)
         super().__init__(kind, 0, _UNLIMITED, None, None, None)
-        self._decoder = _Decoder()
-        self._strict = _FRAMERS[kind](self._decoder)
+        self._strict = _FRAMERS[kind]()
         self._strict.unit = unit
         self.framer = self.transaction.framer = self._strict
         self._request = _Bytes(dev_id=unit)
@@ -161,18 +166,19 @@ class StrictClient(pm.ModbusBaseSyncClient):
     ) -> bytes:
         """Send one request once and return the PDU of its reply."""
         self._put, self._get = put, get
-        self._decoder.check, self._decoder.function = check, pdu[0]
-        self._request.function_code, self._request.data = pdu[0], pdu[1:]
+        request, turn = self._request, self.transaction
+        self._strict.check, self._strict.function = check, pdu[0]
+        request.data, request.transaction_id = pdu, turn.getNextTID()
         try:
-            reply: Any = self.execute(False, self._request)
+            # one send and one reply: what pymodbus repeats stands around these
+            turn.pdu_send(request)
+            reply: Any = turn.sync_get_response(request.dev_id, request.transaction_id)
+        except TimeoutError as error:
+            raise FrameError("no valid reply in time") from error
         except (pm.ModbusException, ValueError) as error:
             raise FrameError(str(error)) from error
         data: bytes = reply.data
         return data
-
-    def connect(self) -> bool:
-        """Return that the line is open."""
-        return True
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
         """Hand a frame to the line."""
@@ -182,11 +188,7 @@ class StrictClient(pm.ModbusBaseSyncClient):
     def recv(self, size: int | None) -> bytes:
         """Return what stood behind the last reply, or what comes."""
         data, self._strict.rest = self._strict.rest, b""
-        try:
-            return data or self._get()
-        except TimeoutError as error:
-            # pymodbus would take it for the end of a time limit of its own
-            raise FrameError("no valid reply in time") from error
+        return data or self._get()
 
     def forget(self) -> None:
         """Drop what stood behind the last reply: the line was closed."""

@@ -21,7 +21,8 @@ from hdbench.system.sockets import TimedSocket
 if TYPE_CHECKING:
     from hdbench.profile.acquiring import TlsFiles
 
-_HEADER = struct.Struct(">HHHB")
+HEADER = struct.Struct(">HHHB")
+"""Before each PDU: transaction, protocol 0, bytes that follow, unit."""
 # ten replies of the greatest length
 _CHUNK = 2600
 
@@ -82,7 +83,7 @@ def _check_key(path: Path) -> None:
 def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes]:
     """Return the PDU in `data` that answers transaction `number` of `unit`, and what follows it."""
     while len(data) >= 7:
-        found, protocol, length, found_unit = _HEADER.unpack_from(data)
+        found, protocol, length, found_unit = HEADER.unpack_from(data)
         # unit and function code at least, 253 bytes of PDU at most
         if protocol != 0 or not 2 <= length <= 254:
             raise FrameError(f"protocol {protocol}, length {length}: not a Modbus TCP frame")
@@ -148,9 +149,13 @@ class TcpLink:
         self, connection: TimedSocket, pdu: bytes, check: ReplyCheck, until_s: float
     ) -> bytes:
         self._number = number = self._number % 0xFFFF + 1
-        connection.send(_HEADER.pack(number, 0, len(pdu) + 1, self._unit) + pdu, until_s)
+        connection.send(HEADER.pack(number, 0, len(pdu) + 1, self._unit) + pdu, until_s)
         while True:
-            reply = self._reply(connection, number, until_s)
+            data = self._received or self._receive(connection, until_s)
+            reply, self._received = next_reply(data, number, self._unit)
+            if reply is None:
+                self._received += self._receive(connection, until_s)
+                continue
             try:
                 check(reply)
             except StaleReply:
@@ -176,15 +181,6 @@ class TcpLink:
                 self.close()
                 raise
         return timed
-
-    def _reply(self, connection: TimedSocket, number: int, until_s: float) -> bytes:
-        """Return the next PDU of this transaction."""
-        data = self._received or self._receive(connection, until_s)
-        while True:
-            reply, self._received = next_reply(data, number, self._unit)
-            if reply is not None:
-                return reply
-            data = self._received + self._receive(connection, until_s)
 
     def _receive(self, connection: TimedSocket, until_s: float) -> bytes:
         chunk = connection.receive(_CHUNK, until_s)
