@@ -162,7 +162,8 @@ class DaqSettings:
     reference: ReferenceWave | ReferenceProgram | None = None
 
 
-@dataclass(frozen=True, slots=True)
+# a frozen one takes three times as long to make
+@dataclass(slots=True)
 class ScanBlock:
     """Adjacent scans of one read.
 

@@ -93,7 +93,7 @@ class Transactor:
         if not self._lock.acquire(timeout=self._deadline_s):
             raise self._fault("another transaction did not end", name)
         try:
-            last = FrameError("no time left")
+            last = None
             for attempt in range(1, attempts + 1):
                 until_s = self._end_of_try(start_s, attempt, attempts)
                 if not self._clock() < until_s:
@@ -106,6 +106,7 @@ class Transactor:
                     self.repeats += attempt < attempts
                     self._failed(until_s)
                     last = found
+            last = last or FrameError("no time left")
             times = f", {attempts} times" if attempts > 1 else ""
             raise self._fault(f"{last}{times} (deadline {self._deadline_s:g} s)", name) from last
         finally:
@@ -147,7 +148,8 @@ class Transactor:
 
     def _ask(self, build: Build, until_s: float, *, is_read: bool) -> bytes:
         """Make one try."""
-        return self._send(*build(), until_s)
+        pdu, check = build()
+        return self._link.transact(pdu, check, until_s)
 
     def _send(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         """Send one request."""

@@ -20,6 +20,8 @@ from hdbench.records.trace import FloatArray
 
 # echo, run, seq, flags with channels, scans, depth, first index, encoder, checksum
 HEADER = struct.Struct(">HHHHHHIiI")
+# of these channels, scans and checksum
+_SEALED = struct.Struct(">6xBxH10xI")
 DATA_AT = 2 * reg.BLOCK_HEADER_REGISTERS
 CRC_AT = DATA_AT - 4
 _CODE_SPAN = 32768
@@ -35,10 +37,10 @@ def block_fault(raw: bytes) -> str:
     """Return why the bytes of a block window cannot be what the node sent; empty if they can."""
     if not len(raw) >= DATA_AT:
         return f"{len(raw)} bytes of a block, shorter than a header: its checksum is missing"
-    end = DATA_AT + 2 * raw[6].bit_count() * (raw[8] << 8 | raw[9])
+    bits, n_scans, told = _SEALED.unpack_from(raw)
+    end = DATA_AT + 2 * bits.bit_count() * n_scans
     if not end <= len(raw):
         return f"{end - DATA_AT} bytes of scans in a block of {len(raw) - DATA_AT}"
-    told = int.from_bytes(raw[CRC_AT:DATA_AT], "big")
     if zlib.crc32(raw[DATA_AT:end], zlib.crc32(raw[:CRC_AT])) != told:
         return "the checksum of the block is wrong"
     return ""
@@ -97,6 +99,7 @@ class ScanDecoder:
         volts = float(limits["range_v"]) / _CODE_SPAN
         scales = {"current": amperes, "encoder": 1.0}
         self._scales = _filled([scales.get(word, volts) for word in words], shape, float)
+        self._nowhere: NDArray[np.bool_] = np.broadcast_to(np.False_, shape)
         # codes are left-justified, of 8 bits at least: the top step of a b-bit converter is
         # 2**(16 - b) below 32768
         top_code = _CODE_SPAN - (1 << (16 - int(limits["converter_bits"])))
@@ -113,17 +116,18 @@ class ScanDecoder:
         self, raw: bytes, n_scans: int, encoder: int
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return values and marks of saturation in the order of the roles."""
-        scales = self._scales if n_scans == len(self._scales) else self._scales[:n_scans]
+        scales, saturated = self._scales, self._nowhere
+        if n_scans != len(scales):
+            scales, saturated = scales[:n_scans], saturated[:n_scans]
         words = np.ndarray(scales.shape, _WIRE, raw if n_scans else _NOTHING, DATA_AT)
-        values: FloatArray = words * scales
+        values: FloatArray = words.astype(float)
+        values *= scales
         if self.bits & reg.ENCODER_LOW and n_scans:
-            self._count(values[:, -1], words, encoder)
+            self._count(values, words, encoder)
         # both ends of at least 8 bits begin with one of two bytes: mostly none of them is there
         high = raw[DATA_AT : DATA_AT + words.nbytes : 2]
-        if b"\x7f" in high or b"\x80" in high:
+        if 0x7F in high or 0x80 in high:
             saturated = self._saturated(words)
-        else:
-            saturated = np.zeros(scales.shape, dtype=bool)
         if self._order is None:
             return values, saturated
         return values[:, self._order], saturated[:, self._order]
@@ -136,19 +140,19 @@ class ScanDecoder:
         marks: NDArray[np.bool_] = above > self._span[:n_scans]
         return marks
 
-    def _count(self, counts: FloatArray, words: NDArray[np.int16], encoder: int) -> None:
-        """Make 32-bit counts of `counts`, which hold the low words."""
+    def _count(self, values: FloatArray, words: NDArray[np.int16], encoder: int) -> None:
+        """Make 32-bit counts of the last column, which holds the low words."""
         if self.bits & reg.ENCODER_HIGH:
             low = words[:, -1].astype(_WORD).view(_UNSIGNED)
-            counts[:] = words[:, -2].astype(np.int64) * 2**16 + low
+            values[:, -1] = words[:, -2].astype(np.int64) * 2**16 + low
             return
         first = (encoder + _CODE_SPAN) % 2**16 - _CODE_SPAN
-        if abs(first) + self._block_counts < _CODE_SPAN and first == counts[0]:
+        if abs(first) + self._block_counts < _CODE_SPAN and first == words.item(0, -1):
             # no low word of this block can have wrapped
             if first != encoder:
-                counts += encoder - first
+                values[:, -1] += encoder - first
             return
-        low = words[:, -1].astype(_WORD)
+        counts, low = values[:, -1], words[:, -1].astype(_WORD)
         counts[0] = encoder
         # the difference of 16-bit numbers wraps by itself
         counts[1:] = low[1:] - low[:-1]
