@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _INCOMPLETE = (0, 0, 0, b"")
 # longest frame of the ASCII form: colon, 2 x 255 characters, end of line
 _LONGEST_ASCII = 513
+_Put = Callable[[Any, bytes, float], object]
+_Get = Callable[[Any, float], bytes]
 # the deadline of a call is that of the line
 _UNLIMITED = pm.CommParams(comm_name="hdbench", timeout_connect=math.inf)
 
@@ -145,27 +147,26 @@ class StrictClient(pm.ModbusBaseSyncClient):
         ``socket``, ``rtu`` or ``ascii``.
     unit : int
         Modbus unit identifier.
+    put : callable
+        Takes the line, a frame and the latest end on the clock, s, and sends it.
+    get : callable
+        Takes the line and that end, and returns what comes.
     """
 
-    def __init__(self, form: str, unit: int) -> None:
+    def __init__(self, form: str, unit: int, put: _Put, get: _Get) -> None:
         kind = pm.FramerType(form)
         super().__init__(kind, 0, _UNLIMITED, None, None, None)
         self._strict = _FRAMERS[kind]()
         self._strict.unit = unit
         self.framer = self.transaction.framer = self._strict
         self._request = _Bytes(dev_id=unit)
-        self._put: Callable[[bytes], object]
-        self._get: Callable[[], bytes]
-
-    def ask(
-        self,
-        pdu: bytes,
-        check: ReplyCheck,
-        put: Callable[[bytes], object],
-        get: Callable[[], bytes],
-    ) -> bytes:
-        """Send one request once and return the PDU of its reply."""
         self._put, self._get = put, get
+        self._line: Any = None
+        self._until_s = 0.0
+
+    def ask(self, line: object, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+        """Send one request once and return the PDU of its reply."""
+        self._line, self._until_s = line, until_s
         request, turn = self._request, self.transaction
         self._strict.check, self._strict.function = check, pdu[0]
         request.data, request.transaction_id = pdu, turn.getNextTID()
@@ -182,13 +183,13 @@ class StrictClient(pm.ModbusBaseSyncClient):
 
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
         """Hand a frame to the line."""
-        self._put(request)
+        self._put(self._line, request, self._until_s)
         return len(request)
 
     def recv(self, size: int | None) -> bytes:
         """Return what stood behind the last reply, or what comes."""
         data, self._strict.rest = self._strict.rest, b""
-        return data or self._get()
+        return data or self._get(self._line, self._until_s)
 
     def forget(self) -> None:
         """Drop what stood behind the last reply: the line was closed."""
@@ -218,7 +219,7 @@ class _StreamLink(TcpLink):
 
     def __init__(self, address: Address, unit: int, secure: Secure | None = None) -> None:
         super().__init__(address, unit, secure)
-        self._client = StrictClient("socket", unit)
+        self._client = StrictClient("socket", unit, TimedSocket.send, self._receive)
 
     def close(self) -> None:
         """Close the connection; never raises."""
@@ -228,12 +229,7 @@ class _StreamLink(TcpLink):
     def _once(
         self, connection: TimedSocket, pdu: bytes, check: ReplyCheck, until_s: float
     ) -> bytes:
-        return self._client.ask(
-            pdu,
-            check,
-            lambda frame: connection.send(frame, until_s),
-            lambda: self._receive(connection, until_s),
-        )
+        return self._client.ask(connection, pdu, check, until_s)
 
 
 class _UdpLink(_StreamLink):
@@ -256,16 +252,12 @@ class _LineLink(RtuLink):
         self, address: Address, unit: int, probe: Probe | None, claim: Claim = "hold"
     ) -> None:
         super().__init__(address, unit, probe, claim)
-        self._client = StrictClient("ascii" if address.scheme == "ascii" else "rtu", unit)
+        form = "ascii" if address.scheme == "ascii" else "rtu"
+        self._client = StrictClient(form, unit, self._send, self._piece)
 
     def _once(self, io: PortIo, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         try:
-            return self._client.ask(
-                pdu,
-                check,
-                lambda frame: self._send(io, frame, until_s),
-                lambda: self._piece(io, until_s),
-            )
+            return self._client.ask(io, pdu, check, until_s)
         finally:
             self._silent_from_s = time.monotonic()
 

@@ -130,16 +130,19 @@ def framed(form, pdu, *, number=1, unit=1):
     return struct.pack(">HHH", number, 0, len(body)) + body
 
 
+def deaf(line, frame, until_s):
+    """Send nothing."""
+
+
+def given_pieces(line, until_s):
+    if not line:
+        raise FrameError("no valid reply in time")
+    return line.pop(0)
+
+
 def ask(form, *pieces, check=CHECK):
     """Return what a client makes of pieces that come one after the other, then nothing."""
-    left = list(pieces)
-
-    def get():
-        if not left:
-            raise FrameError("no valid reply in time")
-        return left.pop(0)
-
-    return StrictClient(form, 1).ask(READ, check, lambda frame: None, get)
+    return StrictClient(form, 1, deaf, given_pieces).ask(list(pieces), READ, check, 0.0)
 
 
 FORMS = ("socket", "rtu", "ascii")
@@ -212,23 +215,23 @@ def test_replies_of_other_transactions_and_units_are_passed_over():
 
 def test_what_stands_behind_a_reply_is_read_before_what_comes():
     """Half a duplicate left on a stream must not put the next reply out of step."""
-    client = StrictClient("socket", 1)
+    client = StrictClient("socket", 1, deaf, given_pieces)
     first, second = framed("socket", REPLY), framed("socket", b"\x03\x04\0\0\0\5", number=2)
     pieces = [first + first[:8], first[8:] + second]
-    assert client.ask(READ, CHECK, lambda frame: None, lambda: pieces.pop(0)) == REPLY
-    assert client.ask(READ, CHECK, lambda frame: None, lambda: pieces.pop(0))[-1] == 5
+    assert client.ask(pieces, READ, CHECK, 0.0) == REPLY
+    assert client.ask(pieces, READ, CHECK, 0.0)[-1] == 5
     assert pieces == []
 
 
 def test_a_request_goes_out_once_and_to_the_byte():
     sent = []
 
-    def silent():
-        raise FrameError("no valid reply in time")
+    def put(line, frame, until_s):
+        sent.append(frame)
 
     for form in FORMS:
         with pytest.raises(FrameError):
-            StrictClient(form, 17).ask(*write_register(1, 3), sent.append, silent)
+            StrictClient(form, 17, put, given_pieces).ask([], *write_register(1, 3), 0.0)
     # the second and third example: "MODBUS over Serial Line" V1.02, 2.5.1 and 2.5.2.2
     assert [frame.hex() for frame in sent[:2]] == [
         "00010000000611" + "0600010003",
