@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 _VERDICTS = {
-    "nothing-found": "Nothing found: the simulation explains the measurement.",
+    "nothing-found": "Nothing found: what the simulation leaves looks like noise.",
     "named": "The simulation misses something, and it has a name.",
     "unexplained": "The simulation misses something that has no name yet.",
     "named-and-unexplained": "The simulation misses several things; not all have a name.",

@@ -33,7 +33,7 @@ from hdbench.results.diagnosis import (
 )
 
 _VERDICTS: dict[str, tuple[Level, str]] = {
-    "nothing-found": ("good", "Nothing found: the simulation explains the measurement."),
+    "nothing-found": ("good", "Nothing found: what the simulation leaves looks like noise."),
     "named": ("look", "The simulation misses something that can be named"),
     "unexplained": ("look", "The simulation misses something that has no name yet"),
     "named-and-unexplained": ("look", "The simulation misses several things, not all named"),
