@@ -21,7 +21,18 @@ from hdbench.records import write_trace
 from hdbench_cli.commands.batch_task import run_one
 
 distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask")
 HDBENCH = [sys.executable, "-m", "hdbench_cli"]
+# what every worker would import for itself
+WARM = ["distributed", "hdbench.session", "hdbench_cli.commands.batch_task"]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _warm_workers() -> Iterator[None]:
+    """Let workers that start here be forks of a process that has imported what they need."""
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        distributed.utils.get_mp_context().set_forkserver_preload(WARM)
+        yield
 
 
 def record(path: Path, seed: int, seconds: int = 4) -> Path:
@@ -101,7 +112,10 @@ def test_a_batch_is_the_single_command_and_a_broken_input_a_row(
 def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path):
     script = Path(__file__).with_name("deaths.py")
     words = [sys.executable, str(script), str(tmp_path)]
-    ran = subprocess.run(words, capture_output=True, text=True, check=False)
+    forks = {"DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD": "forkserver"}
+    ran = subprocess.run(
+        words, capture_output=True, text=True, env={**os.environ, **forks}, check=False
+    )
     assert ran.returncode == 0, ran.stderr
     told = json.loads(ran.stdout)
     values = [value for value, _, _ in told]
@@ -191,7 +205,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces, tmp_p
 def test_every_command_leaves_its_own_files(command, options, results, tmp_path):
     for name in ("results", ".parts"):
         (tmp_path / "out" / name).mkdir(parents=True)
-    source = record(tmp_path / "x.csv", 0)
+    source = record(tmp_path / "x.csv", 0, seconds=3)
     task = {
         "command": command, "options": options, "input": "x.csv", "path": str(source),
         "name": "x", "out": str(tmp_path / "out"), "shown": "out", "known": None, "drive": "HD-1",
