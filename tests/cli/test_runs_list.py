@@ -2,6 +2,7 @@
 
 import csv
 import io
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,17 +11,26 @@ from runkit import write_run
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench_cli.inputs import choose_profile
+from hdbench_cli.main import _run
 from hdbench_cli.options import StoredPath, newest_run
+from hdbench_cli.output import Output
 
 LOADS = Path(__file__).parents[1] / "stored" / "calibration" / "loads.csv"
 
 
-@pytest.fixture
-def runs(tmp_path, hdbench):
-    """Two evaluations of one loads file, for two drives."""
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory):
+    """Return two evaluations of one loads file, for two drives."""
+    folder = tmp_path_factory.mktemp("evaluated")
     for drive in ("A-17", "=B(1)"):
-        hdbench("calibrate", "--from", LOADS, "--drive", drive, "--out", tmp_path, "--no-report")
-    return tmp_path
+        words = ["calibrate", "--from", LOADS, "--drive", drive, "--out", folder, "--no-report"]
+        assert _run([*map(str, words)], Output()) == 0
+    return folder
+
+
+@pytest.fixture
+def runs(evaluated, tmp_path):
+    return shutil.copytree(evaluated, tmp_path, dirs_exist_ok=True)
 
 
 @pytest.fixture

@@ -29,6 +29,11 @@ FILTER = preset("report-6", BENCH)
 DATA = os.environ.get("HDBENCH_DATA")
 
 
+def short_trace(seed: int) -> Trace:
+    """Return three seconds through reversals."""
+    return known_trace(np.random.default_rng(seed), reversing_velocity(3.0))
+
+
 def evaluate(trace: Trace, *, stretch: Stretch | None = None) -> RippleResult:
     return evaluate_ripple(trace, BENCH, scale=scale(), filter_model=FILTER, stretch=stretch)
 
@@ -168,21 +173,20 @@ def test_lost_samples_are_left_out_and_marked():
 
 
 def test_a_saturated_channel_is_marked():
-    trace = known_trace(np.random.default_rng(9), reversing_velocity(3.0))
+    trace = short_trace(9)
     clipped = trace.with_columns(torque_v=np.clip(trace["torque_v"] + 9.95, -10.0, 10.0))
     assert [flag.name for flag in evaluate(clipped).flags] == ["saturation"]
 
 
 def test_a_gain_of_half_gives_half_the_torque():
-    trace = known_trace(np.random.default_rng(10), reversing_velocity(3.0))
     half = TorqueScale(Quantity(3.3, 0.0), "calibration run 2")
-    found = evaluate_ripple(trace, BENCH, scale=half, filter_model=FILTER)
+    found = evaluate_ripple(short_trace(10), BENCH, scale=half, filter_model=FILTER)
     assert covers(found.ripple[0].amplitude_nm, 0.2)
     assert found.to_json()["torque_scale"]["gain_nm_per_v"]["value"] == 3.3
 
 
 def test_the_rms_of_the_torque_counts_its_mean():
-    trace = known_trace(np.random.default_rng(10), reversing_velocity(3.0))
+    trace = short_trace(10)
     shifted = trace.with_columns(torque_nm=6.6 * trace["torque_v"] + 3.0)
     found = evaluate(shifted)
     rms = math.sqrt(np.mean(np.square(shifted["torque_nm"])))
@@ -191,14 +195,13 @@ def test_the_rms_of_the_torque_counts_its_mean():
 
 
 def test_a_torque_column_in_newton_metres_is_taken_as_it_stands():
-    trace = known_trace(np.random.default_rng(10), reversing_velocity(3.0))
-    both = trace.with_columns(torque_nm=2.0 * 6.6 * trace["torque_v"])
-    found = evaluate(both)
+    trace = short_trace(10)
+    found = evaluate(trace.with_columns(torque_nm=2.0 * 6.6 * trace["torque_v"]))
     assert covers(found.ripple[0].amplitude_nm, 0.8)
 
 
 def test_orders_and_noise_are_told_to_the_filter():
-    found = evaluate(known_trace(np.random.default_rng(11), reversing_velocity(3.0)))
+    found = evaluate(short_trace(11))
     assert [entry.order for entry in found.suppression_db] == [2.0, 4.0]
     assert found.filter.orders == (2.0, 4.0)
     # white noise of 0.05 N m, known to 1.3 % from 3000 samples; steps of the converter add 2 mN m
