@@ -2,14 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import settings
-from hypothesis import strategies as st
 from kernel_models import KINDS, new_state, run, samples, smooth, tuned
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag, expm
-
-FAST = settings(max_examples=15, deadline=None)
-seeds = st.integers(min_value=0, max_value=10_000)
 
 
 def drift(block, dt):

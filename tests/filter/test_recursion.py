@@ -8,7 +8,7 @@ from filter_oracle import Bench, expected_torque, literal, motion
 from kernel_models import filter_model
 from numpy.testing import assert_allclose
 
-from hdbench.filter import OnlineFilter, OscillatorBlock, preset
+from hdbench.filter import OnlineFilter, OscillatorBlock, load_filter_model, preset
 
 # the contract's orders and noise of the three presets, typed again here
 REPORT = {
@@ -28,7 +28,7 @@ def test_presets_agree_with_the_literal_equations(bench, kernel, name):
     t, v, y, _ = motion()
     orders, noise, roles = REPORT[name]
     parts = literal(t, v, y, orders, noise)
-    block = OnlineFilter(preset(name, bench), kernel=kernel).process(t, v, y)
+    block = OnlineFilter(load_filter_model(name, bench), kernel=kernel).process(t, v, y)
     # the acceptance's 1e-9 N m; rounding alone is some 1e-12 after the standstill
     close = {"rtol": 0.0, "atol": 1e-9}
     assert_allclose(block.torque_filtered_nm, y - parts.sum(axis=1), **close)
