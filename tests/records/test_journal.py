@@ -1,12 +1,14 @@
 """Journal: keeps every synced block, cuts a torn end, reports damage."""
 
+import itertools
 import os
 import random
+import signal
 import subprocess
-import sys
 
 import numpy as np
 import pytest
+from forked import forked
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -153,32 +155,25 @@ def test_nothing_is_appended_after_a_failed_sync(tmp_path, monkeypatch):
     assert read_journal(tmp_path / "j").blocks[0].extra == {"k": 0}
 
 
-FULL = """
-import resource, signal, sys
-import numpy as np
-from pathlib import Path
-from hdbench.errors import StorageError
-from hdbench.records.journal import JournalWriter
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-journal = JournalWriter(Path(sys.argv[1]))
-done = 0
-try:
-    while True:
-        journal.append("samples", {"a": np.arange(100.0) + done})
-        done += 1
-except StorageError as error:
-    print(done, error.exit_code)
-"""
+def write_until_full(path):
+    import resource
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+    journal = JournalWriter(path)
+    for done in itertools.count():
+        try:
+            journal.append("samples", {"a": np.arange(100.0) + done})
+        except StorageError as error:
+            os.write(1, b"%d %d" % (done, error.exit_code))
+            return
 
 
 @pytest.mark.skipif(os.name != "posix", reason="file size limit")
 def test_a_full_disk_keeps_every_acknowledged_block(tmp_path):
     path = tmp_path / "j"
-    run = subprocess.run(
-        [sys.executable, "-c", FULL, str(path)], capture_output=True, text=True, check=True
-    )
-    done, code = map(int, run.stdout.split())
+    process = forked(lambda: write_until_full(path), stdout=subprocess.PIPE, text=True)
+    done, code = map(int, process.communicate()[0].split())
     content = read_journal(path)
     assert code == 7
     assert done > 10

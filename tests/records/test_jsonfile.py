@@ -1,15 +1,16 @@
 """Results are JSON without NaN, written whole or not at all."""
 
 import errno
+import itertools
 import json
 import os
 import signal
 import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
+from forked import forked
 
 from hdbench.errors import DataError, StorageError
 from hdbench.profile import load_profile
@@ -88,25 +89,18 @@ def test_a_missing_folder_is_a_storage_error(tmp_path):
         write_json(tmp_path / "no" / "r.json", {})
 
 
-KILLED = """
-import sys
-from pathlib import Path
-from hdbench.records.jsonfile import write_json
-path = Path(sys.argv[1])
-for k in range(10**9):
-    write_json(path, {"k": k, "fill": [k] * 20000})
-    if k == 1:
-        print("ready", flush=True)
-"""
+def write_for_ever(path):
+    for k in itertools.count():
+        write_json(path, {"k": k, "fill": [k] * 20000})
+        if k == 1:
+            os.write(1, b"ready\n")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path):
     path = tmp_path / "r.json"
     for wait_s in (0.0, 0.003, 0.011):
-        with subprocess.Popen(
-            [sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE
-        ) as process:
+        with forked(lambda: write_for_ever(path), stdout=subprocess.PIPE) as process:
             process.stdout.readline()
             time.sleep(wait_s)
             process.send_signal(signal.SIGKILL)

@@ -1,17 +1,19 @@
 """A run folder says what was done and how it ended; a killed run gives its data back."""
 
 import hashlib
+import itertools
 import json
 import os
 import re
 import signal
 import subprocess
-import sys
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import partial
 
 import numpy as np
 import pytest
+from forked import forked
 
 from hdbench.errors import DataError, StorageError
 from hdbench.records import (
@@ -213,31 +215,19 @@ def test_an_input_without_data_is_refused(tmp_path, profile, kind):
         resolve_input(path)
 
 
-WRITER = """
-import sys
-import numpy as np
-from pathlib import Path
-from hdbench.profile import load_profile
-from hdbench.records import RunFolder
-from hdbench.records.journal import JournalWriter
-folder = RunFolder.create(
-    Path(sys.argv[1]), kind="ripple", profile=load_profile("cim-tr-97-06"), details={}
-)
-journal = JournalWriter(folder.journal)
-k = 0
-while True:
-    time_s = (np.arange(50) + 50 * k) * 1e-3
-    journal.append("samples", {"time_s": time_s, "torque_v": time_s, "tacho_v": time_s})
-    k += 1
-    print(50 * k, flush=True)
-"""
+def write_for_ever(parent, profile):
+    folder = RunFolder.create(parent, kind="ripple", profile=profile, details={})
+    journal = JournalWriter(folder.journal)
+    for k in itertools.count():
+        time_s = (np.arange(50) + 50 * k) * 1e-3
+        journal.append("samples", {"time_s": time_s, "torque_v": time_s, "tacho_v": time_s})
+        os.write(1, b"%d\n" % (50 * (k + 1)))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
-def test_a_run_killed_for_real_keeps_what_was_acknowledged(tmp_path):
-    with subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True
-    ) as process:
+def test_a_run_killed_for_real_keeps_what_was_acknowledged(tmp_path, profile):
+    act = partial(write_for_ever, tmp_path, profile)
+    with forked(act, stdout=subprocess.PIPE, text=True) as process:
         for _ in range(40):
             process.stdout.readline()
         (running,) = list_runs(tmp_path)
