@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+import docs_reference
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 # what a browser loads by itself: a bench has no network
@@ -25,8 +28,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns("reference"))
     shutil.copy(ROOT / "mkdocs.yml", folder)
-    make = [sys.executable, ROOT / "tools" / "docs_reference.py", "--write"]
-    subprocess.run([*make, folder / "docs" / "reference"], check=True, capture_output=True)
+    with pytest.MonkeyPatch.context() as patch:
+        written = str(folder / "docs" / "reference")
+        patch.setattr(sys, "argv", ["docs_reference.py", "--write", written])
+        assert docs_reference.main() == 0
     return folder
 
 
