@@ -1,8 +1,31 @@
-"""Folders of runs as an earlier session left them."""
+"""Results and folders of runs as an earlier session left them."""
 
 import json
 from pathlib import Path
 from typing import Any
+
+
+def quantity(value: float, std: float, dof: float | None = None) -> dict[str, float | None]:
+    return {"value": value, "std": std, "dof": dof}
+
+
+def misalignment_result(
+    amplitude: float, std: float = 0.01, phase: float = 0.3, **more: Any
+) -> dict[str, Any]:
+    """Return the keys of a misalignment that the contract names."""
+    peak = {"peak_to_peak_nm": quantity(2.0 * amplitude, 2.0 * std, 3.0)}
+    return {
+        "amplitude_nm": quantity(amplitude, std, 3.0),
+        **peak,
+        "phase_rad": quantity(phase, 0.004 / amplitude, 1000.0),
+        "before": peak,
+        "after": {"peak_to_peak_nm": quantity(0.01, 0.005, 20.0)},
+        "output_turns": 4.0,
+        "mean_torque_nm": 0.0,
+        "motor_velocity_rad_s": 60.0,
+        "filter": {"order": 0.01},
+        **more,
+    }
 
 
 def write_run(path: Path, kind: str, result: dict[str, Any] | None = None, **manifest: Any) -> Path:

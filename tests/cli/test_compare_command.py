@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from runkit import misalignment_result
 
 from hdbench.records.jsonfile import dumps
 
@@ -12,22 +13,9 @@ STORED = Path(__file__).parents[1] / "stored" / "misalignment" / "expected.json"
 
 
 def result(path: Path, amplitude: float) -> Path:
-    def q(value: float, std: float) -> dict[str, object]:
-        return {"value": value, "std": std, "dof": None}
-
-    body = json.loads(STORED.read_text())["result"] | {
-        "profile": {"name": "<script>alert(1)</script>", "sha256": "0"},
-        "amplitude_nm": q(amplitude, 0.01),
-        "peak_to_peak_nm": q(2.0 * amplitude, 0.02),
-        "phase_rad": q(0.3, 0.01),
-        "before": {"peak_to_peak_nm": q(2.0 * amplitude, 0.02)},
-        "after": {"peak_to_peak_nm": q(0.1, 0.01)},
-        "output_turns": 4.0,
-        "mean_torque_nm": 0.1,
-        "motor_velocity_rad_s": 60.0,
-        "filter": {"order": 0.01},
-    }
-    path.write_text(dumps(body))
+    body = json.loads(STORED.read_text())["result"] | misalignment_result(amplitude)
+    profile = {"name": "<script>alert(1)</script>", "sha256": "0"}
+    path.write_text(dumps({**body, "profile": profile}))
     return path
 
 

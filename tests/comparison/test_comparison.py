@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runkit import write_run
+from runkit import misalignment_result, write_run
+from runkit import quantity as q
 from scipy import stats
 
 from hdbench.comparison import compare_runs, comparison_csv
@@ -32,10 +33,6 @@ def both(folder: Path, kind: str, first: dict[str, Any], second: dict[str, Any])
     return [
         store(folder / f"{name}.json", kind, **body) for name, body in (("a", first), ("b", second))
     ]
-
-
-def q(value: float, std: float, dof: float | None = None) -> dict[str, float | None]:
-    return {"value": value, "std": std, "dof": dof}
 
 
 def calibration(gains: dict[float, float], std: float, **more: Any) -> dict[str, Any]:
@@ -195,19 +192,7 @@ def test_positions_that_differ_leave_the_means_to_decide(tmp_path):
 
 def misalignment(amplitude: float, phase: float = 0.3, **more: Any) -> dict[str, Any]:
     std = math.hypot(0.004, amplitude * 0.08 / 6.6)
-    return {
-        "amplitude_nm": q(amplitude, std, 3.0),
-        "peak_to_peak_nm": q(2.0 * amplitude, 2.0 * std, 3.0),
-        "phase_rad": q(phase, 0.004 / amplitude, 1000.0),
-        "before": {"peak_to_peak_nm": q(2.0 * amplitude, 2.0 * std, 3.0)},
-        "after": {"peak_to_peak_nm": q(0.01, 0.005, 20.0)},
-        "output_turns": 4.0,
-        "mean_torque_nm": 0.0,
-        "motor_velocity_rad_s": 60.0,
-        "filter": {"order": 0.01},
-        "torque_scale": scale(),
-        **more,
-    }
+    return misalignment_result(amplitude, std, phase, **{"torque_scale": scale(), **more})
 
 
 def test_a_reassembly_that_takes_10_nm_to_below_2_has_moved(tmp_path):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runkit import write_run
+from runkit import misalignment_result, write_run
 
 from hdbench.errors import DataError
 from hdbench.report.fleet import FALSE_ALARM, fleet_runs, outlier_limit, write_fleet
@@ -15,17 +15,6 @@ def run_of(folder: Path, drive: str, kind: str, result: dict) -> Path:
     write_run(folder, kind, result, drive=drive, started_utc="2026-11-23T07:00:00Z")
     (folder / "report.html").write_text("its own report")
     return folder
-
-
-def misalignment(amplitude: float, std: float = 0.001) -> dict:
-    size = {"value": amplitude, "std": std, "dof": 50.0}
-    peak = {"value": 2.0 * amplitude, "std": 2.0 * std, "dof": 50.0}
-    return {
-        "amplitude_nm": size, "peak_to_peak_nm": peak, "phase_rad": size,
-        "before": {"peak_to_peak_nm": peak}, "after": {"peak_to_peak_nm": peak},
-        "output_turns": 2.0, "mean_torque_nm": 0.1, "motor_velocity_rad_s": 60.0,
-        "filter": {"order": 0.01},
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize("count", [8, 30, 300])
@@ -44,7 +33,7 @@ def test_an_outlier_is_named_unless_it_is_uncertain_and_leads_to_its_report(tmp_
     rng = np.random.default_rng(1)
     for number in range(40):
         amplitude = 0.9 + 0.03 * rng.standard_normal() + (0.4 if number == 7 else 0.0)
-        result = misalignment(amplitude, std if number == 7 else 0.001)
+        result = misalignment_result(amplitude, std if number == 7 else 0.001)
         run_of(tmp_path / "runs" / f"r {number}", f"HD-{number:02d} <b>", "misalignment", result)
     files = write_fleet(fleet_runs([tmp_path / "runs"]), tmp_path / "page")
     body = json.loads(files.json.read_text())["kinds"]["misalignment"]
@@ -82,7 +71,7 @@ def test_results_of_a_kind_without_a_type_are_shown_too(tmp_path):
 
 
 def test_few_drives_are_shown_and_not_judged_and_none_is_an_error(tmp_path):
-    run_of(tmp_path / "runs" / "a", "HD-1", "misalignment", misalignment(0.9))
+    run_of(tmp_path / "runs" / "a", "HD-1", "misalignment", misalignment_result(0.9))
     page = write_fleet(fleet_runs([tmp_path / "runs" / "a"]), tmp_path).html.read_text()
     assert "No drive is judged" in page
     with pytest.raises(DataError, match="no batch and no run"):

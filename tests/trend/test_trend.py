@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
-from runkit import write_run
+from runkit import misalignment_result, write_run
 
 from hdbench.errors import DataError
 from hdbench.records import add_note, list_runs
@@ -20,12 +20,7 @@ NUMBER = {"value": 0.9, "std": 0.1, "dof": None}
 # keys of the contract that these tests do not look at
 NEEDED = {
     "calibration": {"consistency": None, "n_experiments": 9, "accepted": True, "experiments": []},
-    "misalignment": {
-        **dict.fromkeys(("amplitude_nm", "peak_to_peak_nm", "phase_rad"), NUMBER),
-        **{key: {"peak_to_peak_nm": NUMBER} for key in ("before", "after")},
-        **dict.fromkeys(("output_turns", "mean_torque_nm", "motor_velocity_rad_s"), 1.0),
-        "filter": {"order": 0.01},
-    },
+    "misalignment": misalignment_result(0.9, 0.1),
     "ripple": {
         "motor_velocity_rad_s": {"mean": 1.0, "std": 0.0, "min": 1.0, "max": 1.0},
         "torque_rms_nm": {"measured": 1.0, "filtered": 1.0},
