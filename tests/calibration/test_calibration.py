@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from publicdata import needs_data
 from scipy import stats
-from worked_example import ARM, experiment, needs_data, torque_arm
+from worked_example import ARM, experiment, torque_arm
 
 from hdbench.calibration import consistency_interval, evaluate_calibration
 from hdbench.errors import DataError

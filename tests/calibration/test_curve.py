@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from worked_example import needs_data, torque_arm
+from publicdata import needs_data
+from worked_example import torque_arm
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.lines import loading_loop, series_lack_of_fit

@@ -2,13 +2,13 @@
 
 import itertools
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from publicdata import DATA, needs_data
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.staircase.importing import StaircasePlan, import_staircase
@@ -18,15 +18,10 @@ from hdbench.importing.recipe import Recipe
 from hdbench.profile import load_profile
 from hdbench.records.loads import read_loads
 
-DATA = os.environ.get("HDBENCH_DATA")
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 LB = (0.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 0.0)
+CELL = DATA / "swing_loadcell_cal" / "LoadCellCalibrationData.txt"
 # samples of the two loaded cells that are near -8.38e6 counts, rows from 0
 GLITCHES = {11: [73, 440, 731, 1052], 12: [8, 94, 338, 1041]}
-
-
-def cell_file() -> Path:
-    return Path(str(DATA)) / "swing_loadcell_cal" / "LoadCellCalibrationData.txt"
 
 
 def cell_plan(column: int, loads: tuple[float, ...] = LB, **more: object) -> StaircasePlan:
@@ -43,12 +38,12 @@ def arm():
 @pytest.mark.parametrize(("column", "counts_per_lb"), [(11, 997.0), (12, 1004.0)])
 def test_a_load_cell_under_dead_weights_has_nine_plateaus(tmp_path, column, counts_per_lb):
     out = tmp_path / "loads.csv"
-    report = import_staircase(cell_plan(column), cell_file(), out, arm())
+    report = import_staircase(cell_plan(column), CELL, out, arm())
     body = json.loads(json.dumps(report.to_dict(), allow_nan=False))
     assert len(body["plateaus"]) == 9
     assert body["reading_per_load"] == pytest.approx(counts_per_lb, abs=0.5)
     # the four glitches, found where the raw file has them
-    raw = np.loadtxt(cell_file(), delimiter=",")
+    raw = np.loadtxt(CELL, delimiter=",")
     times = (raw[:, 0] - raw[0, 0]) / 1000.0
     np.testing.assert_allclose(body["glitches_at_s"], times[GLITCHES[column]], atol=1e-9)
     # no average holds one: -8e6 counts in some hundred samples would move it by 60000
@@ -58,7 +53,7 @@ def test_a_load_cell_under_dead_weights_has_nine_plateaus(tmp_path, column, coun
 @needs_data
 def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path):
     out = tmp_path / "loads.csv"
-    import_staircase(cell_plan(11), cell_file(), out, arm())
+    import_staircase(cell_plan(11), CELL, out, arm())
     loads = read_loads(out, arm())
     bench = load_profile("cim-tr-97-06").data
     body = evaluate_calibration(loads, max_consistency=0.05, bench=bench).to_json()

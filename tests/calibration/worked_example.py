@@ -5,18 +5,14 @@ The worked example has four series in three positions, 40 N m, readings to 1 mV.
 
 import csv
 import math
-import os
-from pathlib import Path
 
 import numpy as np
-import pytest
+from publicdata import DATA
 
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
 
-DATA = os.environ.get("HDBENCH_DATA")
-ARM = Path(DATA or "") / "unh_torque_arm_cal"
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
+ARM = DATA / "unh_torque_arm_cal"
 TORQUES = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0, 32.0, 24.0, 16.0, 8.0, 0.0)
 SERIES = {
     "1": (0.0, (0.013, 1.220, 2.432, 3.643, 4.857, 6.073, 4.876, 3.671, 2.460, 1.241, 0.016)),

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from publicdata import DATA, needs_data
 
 from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing import registry
@@ -28,9 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 from import_fuzz import GOOD, MOST_MIB, run
 from import_samples import MAPS, SAMPLES, have, signals, write_sample
 
-DATA = os.environ.get("HDBENCH_DATA")
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
-REAL = Path(DATA or "") / "real"
+REAL = DATA / "real"
 JOINTS = ("db3", "mcap", "ros1")
 
 

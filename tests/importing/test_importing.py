@@ -1,21 +1,17 @@
 """Other programs' logs become traces and loads with the same numbers."""
 
 import csv
-import os
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
+from publicdata import DATA, needs_data
 
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.importer import import_files
 from hdbench.importing.readers import text as text_module
 from hdbench.importing.recipe import Recipe, known_columns, parse_entry
 from hdbench.records import read_loads, read_trace
-
-DATA = os.environ.get("HDBENCH_DATA")
-needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
 
 
 def bring(tmp_path, texts, maps, *, kind="trace", constants=(), **options):
@@ -233,7 +229,7 @@ def test_a_failed_import_leaves_the_old_file_and_nothing_else(tmp_path):
 
 @needs_data
 def test_the_torque_arm_of_unh_gives_the_published_lines(tmp_path):
-    folder = Path(DATA) / "unh_torque_arm_cal"
+    folder = DATA / "unh_torque_arm_cal"
     files = [folder / f"torque_arm_{series}.csv" for series in ("ascending", "descending")]
     maps = {"torque_nm": "mean_torque", "reading_v": "mean_volts_per_volt"}
     same = {"experiment": "arm", "position_rad": "0", "range": "full", "direction": "cw"}
@@ -254,7 +250,7 @@ def test_the_torque_arm_of_unh_gives_the_published_lines(tmp_path):
 
 @needs_data
 def test_the_sweep_of_lara8_comes_in_with_every_digit(tmp_path):
-    source = Path(DATA) / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
+    source = DATA / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
     maps = {
         "time_s": "Timestamp",
         "torque_nm": "joint_torque_current_3",

@@ -2,8 +2,6 @@
 
 import csv
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ from known_traces import (
     reversing_velocity,
     scale,
 )
+from publicdata import DATA, needs_data
 from scipy.stats import binom
 
 from hdbench.errors import DataError
@@ -26,7 +25,6 @@ from hdbench.ripple import Stretch, evaluate_ripple
 
 BENCH = bench()
 FILTER = preset("report-6", BENCH)
-DATA = os.environ.get("HDBENCH_DATA")
 
 
 def short_trace(seed: int) -> Trace:
@@ -218,7 +216,7 @@ def test_a_motor_that_hardly_turns_is_refused(velocity, text):
 
 
 def lara8(*, encoder: bool) -> Trace:
-    path = Path(str(DATA)) / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
+    path = DATA / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     time = np.array([float(row["Timestamp"]) for row in rows])
@@ -233,7 +231,7 @@ def lara8(*, encoder: bool) -> Trace:
     return Trace(columns, str(path))
 
 
-@pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
+@needs_data
 @pytest.mark.parametrize("encoder", [True, False])
 def test_joint_sweep_of_another_drive_shows_order_2_and_the_line_near_7_9(encoder):
     profile = bench(gear_ratio=101.0)
