@@ -9,28 +9,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plant_tools import AS_MODELLED, WORN, plant, profile, quiet_profile
+from plant_tools import (
+    AS_MODELLED,
+    NM_PER_CODE,
+    V_PER_CODE,
+    WORN,
+    constant,
+    plant,
+    profile,
+    quiet_profile,
+    run,
+)
 
 from hdbench.errors import UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.converter import RawSamples
 from hdbench.profile.schema import HarmonicParameters, ProfileData, ReferenceWave
 
-V_PER_CODE = 10.0 / 32768.0
-NM_PER_CODE = 6.6 * V_PER_CODE
 NOISY, QUIET = profile(), quiet_profile()
 TRAPEZOID = NOISY.ripple.reference
-
-
-def _constant(volt: float) -> ReferenceWave:
-    return ReferenceWave(wave="constant", bias_v=volt)
-
-
-def _run(
-    bench: SimulatedBench, wave: ReferenceWave | None, n: int, period_s: float = 1e-3
-) -> RawSamples:
-    bench.begin(sample_period_s=period_s, wave=wave, duration_s=n * period_s)
-    return bench.advance(n)
 
 
 def _columns(samples: RawSamples) -> np.ndarray:
@@ -67,11 +64,13 @@ def _ramp_angle(time_s: np.ndarray, speed: float) -> np.ndarray:
     return speed * time_s - speed * ramp + 0.5 * 2500.0 * ramp**2 - tail / k
 
 
-def _torque_error(bench: SimulatedBench, expected: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Return the largest error of the torque at 60 rad/s against a function of the angle, N m."""
-    samples = _run(bench, _constant(60.0 / 56.2565), 2000)
-    time = np.arange(2000) * 1e-3
-    error = samples.torque_code * NM_PER_CODE - expected(_ramp_angle(time, 60.0))
+def _torque_error(
+    bench: SimulatedBench, expected: Callable[[np.ndarray], np.ndarray], speed: float = 60.0
+) -> float:
+    """Return the largest error of the torque at a speed against a function of the angle, N m."""
+    samples = run(bench, constant(speed / 56.2565), 3000)
+    time = np.arange(3000) * 1e-3
+    error = samples.torque_code * NM_PER_CODE - expected(_ramp_angle(time, speed))
     return float(np.abs(error[time > 0.5]).max())
 
 
@@ -84,18 +83,15 @@ TORQUE_ERROR_NM = 0.5 * NM_PER_CODE + 2e-4
 def test_quiet_torque_is_the_model_within_one_code(flexspline: str, speed: float) -> None:
     data = quiet_profile(drive={"flexspline": flexspline}, model={"zero_nm": 0.7})
     factor = 1.01 if flexspline == "turning" else 1.0
-    samples = _run(SimulatedBench(data, AS_MODELLED, 1), _constant(speed / 56.2565), 3000)
-    time = np.arange(3000) * 1e-3
-    steady = time > 0.5
-    expected = _steady_torque(data, _ramp_angle(time, speed), factor)
-    error = samples.torque_code * NM_PER_CODE - expected
-    assert np.abs(error[steady]).max() <= TORQUE_ERROR_NM
+    bench = SimulatedBench(data, AS_MODELLED, 1)
+    error_nm = _torque_error(bench, lambda angle: _steady_torque(data, angle, factor), speed)
+    assert error_nm <= TORQUE_ERROR_NM
 
 
 def test_tacho_current_and_reference_at_constant_speed() -> None:
     volt = 2.0
     spec = plant(motor={"coulomb_nm": 0.03, "viscous_nm_s_per_rad": 1e-4})
-    samples = _run(SimulatedBench(QUIET, spec, 1), _constant(volt), 2000)
+    samples = run(SimulatedBench(QUIET, spec, 1), constant(volt), 2000)
     # reference and tacho have one scale on this bench
     assert set(samples.reference_code[1500:]) == {round(volt / V_PER_CODE)}
     assert set(samples.tacho_code[1500:]) == {round(volt / V_PER_CODE)}
@@ -107,8 +103,8 @@ def test_tacho_current_and_reference_at_constant_speed() -> None:
 
 
 def test_sampling_at_ten_milliseconds_gives_the_same_motion() -> None:
-    fast = _run(SimulatedBench(QUIET, AS_MODELLED, 1), _constant(1.0), 2000, 1e-3)
-    slow = _run(SimulatedBench(QUIET, AS_MODELLED, 1), _constant(1.0), 200, 1e-2)
+    fast = run(SimulatedBench(QUIET, AS_MODELLED, 1), constant(1.0), 2000, 1e-3)
+    slow = run(SimulatedBench(QUIET, AS_MODELLED, 1), constant(1.0), 200, 1e-2)
     np.testing.assert_array_equal(fast.encoder_count[::10], slow.encoder_count)
     # settled: the tacho has no more transient, and half a code of rounding on both
     np.testing.assert_allclose(fast.tacho_code[1000::10], slow.tacho_code[100:], rtol=0, atol=1)
@@ -116,7 +112,7 @@ def test_sampling_at_ten_milliseconds_gives_the_same_motion() -> None:
 
 def test_noise_has_the_size_the_profile_states_and_is_white() -> None:
     n = 40_000
-    samples = _run(SimulatedBench(NOISY, AS_MODELLED, 4), None, n)
+    samples = run(SimulatedBench(NOISY, AS_MODELLED, 4), None, n)
     torque = samples.torque_code * NM_PER_CODE
     torque -= torque.mean()
     # sigma is known to 1/sqrt(2 n) = 0.35 %, correlation to 1/sqrt(n) = 0.5 %: five sigma, 6e-7
@@ -135,7 +131,7 @@ def test_noise_has_the_size_the_profile_states_and_is_white() -> None:
 )
 def test_any_split_gives_the_same_bits(cuts: list[int], spec: object) -> None:
     wave = TRAPEZOID.model_copy(update={"frequency_hz": 2.0})
-    whole = _columns(_run(SimulatedBench(NOISY, spec, 9), wave, 700))  # type: ignore[arg-type]
+    whole = _columns(run(SimulatedBench(NOISY, spec, 9), wave, 700))  # type: ignore[arg-type]
     bench = SimulatedBench(NOISY, spec, 9)  # type: ignore[arg-type]
     bench.begin(sample_period_s=1e-3, wave=wave, duration_s=0.7)
     parts = [_columns(bench.advance(b - a)) for a, b in pairwise([0, *cuts, 700])]
@@ -150,7 +146,7 @@ def test_a_halt_gives_the_same_bits_however_samples_were_asked_for(
     results = []
     for places in ([0, at], [0, *[c for c in cuts if c < at], at]):
         bench = SimulatedBench(NOISY, WORN, 2)
-        bench.begin(sample_period_s=1e-3, wave=_constant(2.0), duration_s=1.0)
+        bench.begin(sample_period_s=1e-3, wave=constant(2.0), duration_s=1.0)
         parts = [_columns(bench.advance(b - a)) for a, b in pairwise(places)]
         bench.halt()
         parts.append(_columns(bench.advance(400)))
@@ -160,9 +156,9 @@ def test_a_halt_gives_the_same_bits_however_samples_were_asked_for(
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_or_acquisition_does_not() -> None:
     bench = SimulatedBench(NOISY, WORN, 3)
-    first, again = (_columns(_run(bench, TRAPEZOID, 500)) for _ in range(2))
+    first, again = (_columns(run(bench, TRAPEZOID, 500)) for _ in range(2))
     same, other = (
-        _columns(_run(SimulatedBench(NOISY, WORN, seed), TRAPEZOID, 500)) for seed in (3, 4)
+        _columns(run(SimulatedBench(NOISY, WORN, seed), TRAPEZOID, 500)) for seed in (3, 4)
     )
     np.testing.assert_array_equal(first, same)
     for noisy in (again, other):
@@ -172,7 +168,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_or_acquisition_does_
 
 def test_halt_brakes_within_the_limit_to_standstill() -> None:
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
-    bench.begin(sample_period_s=1e-3, wave=_constant(6.0), duration_s=5.0)
+    bench.begin(sample_period_s=1e-3, wave=constant(6.0), duration_s=5.0)
     bench.advance(1000)
     assert bench.enabled
     speed = bench.velocity_rad_s
@@ -198,7 +194,7 @@ def test_halt_brakes_within_the_limit_to_standstill() -> None:
 @pytest.mark.parametrize("taken", [1, 2, 40, 56, 57, 58, 120, 121, 122])
 def test_a_halt_acts_when_the_filter_has_seen_the_last_sample(taken: int) -> None:
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
-    bench.begin(sample_period_s=1e-3, wave=_constant(2.0), duration_s=5.0)
+    bench.begin(sample_period_s=1e-3, wave=constant(2.0), duration_s=5.0)
     bench.advance(taken)
     bench.halt()
     reference = bench.advance(60).reference_code
@@ -213,7 +209,7 @@ def test_a_halt_acts_when_the_filter_has_seen_the_last_sample(taken: int) -> Non
 )
 def test_the_motor_keeps_turning_within_its_limit_until_it_is_halted(volt, speed) -> None:
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
-    _run(bench, _constant(volt), 500)
+    run(bench, constant(volt), 500)
     bench.advance(500)
     # a second is 94 time constants: rounding is left
     assert bench.velocity_rad_s == pytest.approx(speed, rel=1e-9)
@@ -221,7 +217,7 @@ def test_the_motor_keeps_turning_within_its_limit_until_it_is_halted(volt, speed
 
 def test_without_a_wave_nothing_moves_and_the_drive_is_off() -> None:
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
-    samples = _run(bench, None, 300)
+    samples = run(bench, None, 300)
     assert not bench.enabled
     assert bench.velocity_rad_s == 0.0
     assert not samples.encoder_count.any()
@@ -230,7 +226,7 @@ def test_without_a_wave_nothing_moves_and_the_drive_is_off() -> None:
 
 def test_encoder_goes_back_over_its_counts_after_a_reversal() -> None:
     square = ReferenceWave(wave="square", amplitude_v=1.0, frequency_hz=1.0)
-    counts = _run(SimulatedBench(QUIET, AS_MODELLED, 1), square, 1001).encoder_count
+    counts = run(SimulatedBench(QUIET, AS_MODELLED, 1), square, 1001).encoder_count
     steps = np.diff(counts)
     top = int(np.argmax(counts))
     assert np.all(steps[:top] >= 0)
@@ -245,7 +241,7 @@ def test_encoder_goes_back_over_its_counts_after_a_reversal() -> None:
 @pytest.mark.parametrize(("zero_nm", "code"), [(70.0, 32767), (-70.0, -32768)])
 def test_saturated_codes_stay_at_the_ends_of_the_range(zero_nm: float, code: int) -> None:
     data = quiet_profile(model={"zero_nm": zero_nm})
-    assert set(_run(SimulatedBench(data, AS_MODELLED, 1), None, 100).torque_code) == {code}
+    assert set(run(SimulatedBench(data, AS_MODELLED, 1), None, 100).torque_code) == {code}
 
 
 def test_as_modelled_has_no_effect_and_worn_shows_its_own() -> None:
@@ -278,7 +274,7 @@ def test_friction_of_the_output_is_in_torque_and_current(
         "transition_rad_s": 1e-3,
     }
     runs = [
-        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(volt), 1500)
+        run(SimulatedBench(QUIET, plant(effects=effects), 5), constant(volt), 1500)
         for effects in ([effect], [])
     ]
     torque = (runs[0].torque_code - runs[1].torque_code.astype(float))[1000:] * NM_PER_CODE
@@ -291,7 +287,7 @@ def test_friction_of_the_output_is_in_torque_and_current(
 def test_a_wandering_encoder_leaves_torque_and_tacho_where_they_are() -> None:
     effect = {"kind": "transmission-error", "order": 1.0, "amplitude_rad": 0.3, "phase_rad": 0.0}
     wandering, true = (
-        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(2.0), 6000)
+        run(SimulatedBench(QUIET, plant(effects=effects), 5), constant(2.0), 6000)
         for effects in ([effect], [])
     )
     assert (wandering.torque_code == true.torque_code).all()

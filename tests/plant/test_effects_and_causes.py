@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plant_tools import plant, quiet_profile
+from plant_tools import NM_PER_CODE, V_PER_CODE, constant, plant, quiet_profile, run
 
 from hdbench.model import (
     BenchModel,
@@ -23,25 +23,20 @@ PROFILE = quiet_profile(
     encoder={"counts_per_turn": 2_000_000},
     model={"misalignment": MisalignmentParameters(amplitude_nm=0.0)},
 )
-# codes of the torque channel
-CODE_NM = 6.6 * 10.0 / 32768.0
 
 
 def recorded(effect: dict[str, Any], wave: ReferenceWave) -> tuple[Motion, FloatArray]:
     bench = SimulatedBench(PROFILE, plant(effects=[effect]), 5)
-    n = 20_000
-    bench.begin(sample_period_s=1e-3, wave=wave, duration_s=n * 1e-3)
-    raw = bench.advance(n)
-    volt = 10.0 / 32768.0
+    raw = run(bench, wave, 20_000)
     trace = Trace(
         {
-            "time_s": 1e-3 * np.arange(n),
-            "motor_velocity_rad_s": raw.tacho_code * volt * PROFILE.tacho.gain_rad_s_per_v,
+            "time_s": 1e-3 * np.arange(20_000),
+            "motor_velocity_rad_s": raw.tacho_code * V_PER_CODE * PROFILE.tacho.gain_rad_s_per_v,
             "encoder_count": raw.encoder_count.astype(np.float64),
         },
         "test",
     )
-    return motion_from_trace(trace, PROFILE), raw.torque_code * CODE_NM
+    return motion_from_trace(trace, PROFILE), raw.torque_code * NM_PER_CODE
 
 
 def explained(name: str, shape: dict[str, float], motion: Motion, torque: FloatArray) -> FloatArray:
@@ -64,7 +59,7 @@ def explained(name: str, shape: dict[str, float], motion: Motion, torque: FloatA
 
 def test_a_wandering_encoder_is_a_transmission_error() -> None:
     effect = {"kind": "transmission-error", "order": 1.0, "amplitude_rad": 0.05, "phase_rad": 0.7}
-    motion, torque = recorded(effect, ReferenceWave(wave="constant", bias_v=1.2))
+    motion, torque = recorded(effect, constant(1.2))
     fit = explained("transmission-error", {}, motion, torque)
     # first order in an error of 0.05 rad at orders 2 and 4: up to 0.2^2 / 8 of it, 0.5 %
     want = [0.05 * math.cos(0.7), -0.05 * math.sin(0.7)]
@@ -76,7 +71,7 @@ def test_the_motor_s_poles_are_cogging() -> None:
     effect = {
         "kind": "cogging", "order": 6.0, "amplitude_nm": 0.2, "phase_rad": 0.4, "decay": 0.2,
     }  # fmt: skip
-    motion, torque = recorded(effect, ReferenceWave(wave="constant", bias_v=0.5))
+    motion, torque = recorded(effect, constant(0.5))
     fit = explained("cogging", {"order": 6.0}, motion, torque)
     want = [
         part

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plant_tools import AS_MODELLED, quiet_profile
+from plant_tools import AS_MODELLED, NM_PER_CODE, V_PER_CODE, quiet_profile, run
 
 from hdbench.model import BenchModel, CauseTerm, catalogue
 from hdbench.plant.bench import SimulatedBench, cause_volts
@@ -52,15 +52,13 @@ def test_crosstalk_is_that_of_the_current_which_the_bench_records() -> None:
     codes = []
     for emulated in (model, None):
         bench = SimulatedBench(QUIET, AS_MODELLED, 1, model=emulated)
-        bench.begin(sample_period_s=1e-3, wave=wave, duration_s=2.0)
-        codes.append(bench.advance(2000))
-    per_code = 10.0 / 32768.0
-    added = (codes[0].torque_code - codes[1].torque_code.astype(float)) * per_code * NM_PER_V
-    current = codes[1].current_code * per_code * QUIET.servo.max_current_a / QUIET.daq.range_v
+        codes.append(run(bench, wave, 2000))
+    added = (codes[0].torque_code - codes[1].torque_code.astype(float)) * NM_PER_CODE
+    current = codes[1].current_code * V_PER_CODE * QUIET.servo.max_current_a / QUIET.daq.range_v
     # rounding of three channels to codes of 2 mN m, and the converter's filter of the current
-    tolerance = 2.0 * per_code * NM_PER_V + 0.02 * 0.5 * np.abs(current).max()
+    tolerance = 2.0 * NM_PER_CODE + 0.02 * 0.5 * np.abs(current).max()
     assert np.abs(added - 0.5 * current)[20:].max() < tolerance
-    assert np.abs(added).max() > 10.0 * per_code * NM_PER_V
+    assert np.abs(added).max() > 10.0 * NM_PER_CODE
 
 
 def hung(model: BenchModel, masses: list[float], direction: int = 1) -> np.ndarray:
@@ -71,16 +69,15 @@ def hung(model: BenchModel, masses: list[float], direction: int = 1) -> np.ndarr
     for mass in masses:
         bench.set_fixture(locked=True, position_rad=0.5, mass_kg=mass, direction=direction)
         bench.advance(100)
-        found.append(bench.advance(30).torque_code.mean() * 10.0 / 32768.0 * NM_PER_V)
+        found.append(bench.advance(30).torque_code.mean() * NM_PER_CODE)
     return np.array(found)
 
 
 LOADS_KG = [0.0, 4.0, 8.0, 4.0, 0.0]
-# a code is 2 mN m; noise-free readings differ by the rounding of each
-CODE_NM = 10.0 / 32768.0 * NM_PER_V
 
 
 def added(term: CauseTerm, direction: int = 1) -> np.ndarray:
+    """Return what a cause adds: a difference of noise-free readings, each rounded to a code."""
     base = BenchModel.from_profile(QUIET)
     both = [hung(model, LOADS_KG, direction) for model in (base.with_cause(term), base)]
     return both[0] - both[1]
@@ -90,15 +87,15 @@ def added(term: CauseTerm, direction: int = 1) -> np.ndarray:
 def test_weights_on_a_locked_bench_show_a_cubic(direction: int) -> None:
     load = direction * np.array(LOADS_KG) * QUIET.arm.gravity_m_s2 * QUIET.arm.length_m
     got = added(CauseTerm("cubic-nonlinearity", {}, (0.02,)), direction)
-    np.testing.assert_allclose(got, 0.02 * (load / 10.0) ** 3, rtol=0, atol=CODE_NM)
-    assert np.abs(got).max() > 100.0 * CODE_NM
+    np.testing.assert_allclose(got, 0.02 * (load / 10.0) ** 3, rtol=0, atol=NM_PER_CODE)
+    assert np.abs(got).max() > 100.0 * NM_PER_CODE
 
 
 def test_weights_on_a_locked_bench_go_round_a_loop() -> None:
     got = added(CauseTerm("hysteresis", {"yield_nm": 1.0}, (0.3, 0.0)))
     # a weight is twenty times the yield: all elements slip, upwards then downwards
-    np.testing.assert_allclose(got[1:3], 0.3, rtol=0, atol=CODE_NM)
-    np.testing.assert_allclose(got[3:], -0.3, rtol=0, atol=CODE_NM)
+    np.testing.assert_allclose(got[1:3], 0.3, rtol=0, atol=NM_PER_CODE)
+    np.testing.assert_allclose(got[3:], -0.3, rtol=0, atol=NM_PER_CODE)
 
 
 def test_a_weight_that_hangs_long_creeps() -> None:
@@ -108,8 +105,8 @@ def test_a_weight_that_hangs_long_creeps() -> None:
     # means of 30 samples from the 100th on
     age_s = 0.1 * (100.0 + np.arange(30) - (HALF_LENGTH_SAMPLES - 1))
     left = np.exp(-age_s / 15.0).mean()
-    assert got[1] == pytest.approx(0.01 * weight * (1.0 - left), abs=CODE_NM)
-    assert got[-1] > 5.0 * CODE_NM
+    assert got[1] == pytest.approx(0.01 * weight * (1.0 - left), abs=NM_PER_CODE)
+    assert got[-1] > 5.0 * NM_PER_CODE
 
 
 def test_a_bench_that_is_set_free_forgets_its_weights() -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from plant_tools import AS_MODELLED, plant, profile, quiet_profile
+from plant_tools import AS_MODELLED, V_PER_CODE, plant, profile, quiet_profile, run
 from scipy.stats import chi2
 
 from hdbench.plant.bench import SimulatedBench
@@ -12,14 +12,12 @@ from hdbench.plant.fixture import ArmLoad, PositionGain
 from hdbench.plant.plantfile import FixtureSpec
 
 SETTLING = FixtureSpec()
-V_PER_CODE = 10.0 / 32768.0
 
 
 def _reading_v(bench: SimulatedBench, position: float, mass: float, direction: int) -> float:
     """Return the mean of half a second, four seconds after the weight was hung."""
     bench.set_fixture(locked=True, position_rad=position, mass_kg=mass, direction=direction)
-    bench.begin(sample_period_s=0.01, wave=None, duration_s=4.5)
-    return float(bench.advance(450).torque_code[400:].mean()) * V_PER_CODE
+    return float(run(bench, None, 450, 0.01).torque_code[400:].mean()) * V_PER_CODE
 
 
 def _gains(n_seeds: int, positions: int) -> np.ndarray:
@@ -86,8 +84,7 @@ def test_ccw_turns_the_sign() -> None:
 def test_encoder_stands_still_while_locked() -> None:
     bench = SimulatedBench(profile(), AS_MODELLED, 7)
     bench.set_fixture(locked=True, position_rad=0.3, mass_kg=8.0, direction=1)
-    bench.begin(sample_period_s=0.01, wave=profile().ripple.reference, duration_s=1.0)
-    samples = bench.advance(100)
+    samples = run(bench, profile().ripple.reference, 100, 0.01)
     assert not samples.encoder_count.any()
     assert bench.velocity_rad_s == 0.0
 

@@ -4,18 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from plant_tools import AS_MODELLED, quiet_profile
+from plant_tools import AS_MODELLED, NM_PER_CODE, constant, quiet_profile, run
 
 from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.schema import ReferenceWave
 from hdbench.profile.waves import reference_voltage
 
 QUIET = quiet_profile()
-NM_PER_CODE = 6.6 * 10.0 / 32768.0
 PERIOD_S, N_SAMPLES, SUBSTEPS = 1e-3, 1200, 20
 RATE_PER_S, LIMIT_RAD_S2 = 2.0 * math.pi * 15.0, 2500.0
 WAVES = {
-    "constant": ReferenceWave(wave="constant", bias_v=2.0),
+    "constant": constant(2.0),
     "sine": ReferenceWave(wave="sine", amplitude_v=2.0, frequency_hz=1.0),
     "square": ReferenceWave(wave="square", amplitude_v=1.0, frequency_hz=2.0),
     "triangle": ReferenceWave(wave="triangle", amplitude_v=2.0, frequency_hz=1.0),
@@ -54,10 +53,9 @@ def _integrated(command_rad_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 @pytest.mark.parametrize("name", WAVES)
 def test_torque_is_the_model_alone_under_every_wave(name: str) -> None:
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
-    duration_s = N_SAMPLES * PERIOD_S
-    bench.begin(sample_period_s=PERIOD_S, wave=WAVES[name], duration_s=duration_s)
-    torque = bench.advance(N_SAMPLES).torque_code * NM_PER_CODE
-    volts = reference_voltage(WAVES[name], np.arange(N_SAMPLES) * PERIOD_S, duration_s)
+    torque = run(bench, WAVES[name], N_SAMPLES).torque_code * NM_PER_CODE
+    times_s = np.arange(N_SAMPLES) * PERIOD_S
+    volts = reference_voltage(WAVES[name], times_s, N_SAMPLES * PERIOD_S)
     acceleration, jump, angle = _integrated(56.2565 * volts)
     expected = (
         1.725e-2 / 100.0 * acceleration
