@@ -28,19 +28,14 @@ NAMES = ("time_s", "motor_velocity_rad_s", "torque_nm")
 
 
 @pytest.fixture
-def ask(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., SimpleNamespace]:
-    """Call a command with --json in this process, for its code and the error in its one object."""
-    monkeypatch.setenv("NO_COLOR", "1")
+def ask(hdbench: Callable[..., tuple[str, str]]) -> Callable[..., SimpleNamespace]:
+    """Return a function that runs a command line with --json, for the error in its one object."""
 
-    def call(*words: object) -> SimpleNamespace:
-        capsys.readouterr()
-        code = main_module._run([*map(str, words), "--json"], Output(json=True))
-        printed = capsys.readouterr()
-        assert "Traceback" not in printed.err
-        told = dict.fromkeys(("kind", "where", "fix"), "") | {"what": printed.err, "problems": ()}
-        told |= {"code": code, "exit_code": code, **json.loads(printed.out).get("error", {})}
+    def call(*words: object, code: int) -> SimpleNamespace:
+        shown, said = hdbench(*words, "--json", code=code)
+        assert "Traceback" not in said
+        told = {"kind": "", "what": said, "where": "", "fix": "", "problems": (), "exit_code": code}
+        told |= json.loads(shown).get("error", {})
         assert told["exit_code"] == code
         return SimpleNamespace(**told)
 
@@ -73,9 +68,7 @@ def write(file: Path, data: dict[str, np.ndarray], *, sep: str = ",", mark: str 
     ],
 )
 def test_an_address_where_nothing_is(ask, words, code, fix):
-    told = ask(*words)
-    assert told.code == code
-    assert fix in told.fix
+    assert fix in ask(*words, code=code).fix
 
 
 def without_rights() -> list[str]:
@@ -110,10 +103,10 @@ def test_a_disk_that_takes_no_more(ask, tmp_path):
     limit, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most))
     try:
-        told = ask(*words)
+        told = ask(*words, code=7)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, most))
-    assert (told.code, told.kind) == (7, "storage")
+    assert told.kind == "storage"
     assert str(tmp_path / "out.csv") in told.where
     assert not (tmp_path / "out.csv").exists()
 
@@ -127,8 +120,7 @@ def test_swapped_columns_are_doubted(ask, tmp_path, words, code):
     velocity, torque = data["motor_velocity_rad_s"], data["torque_nm"]
     swapped = {**data, "motor_velocity_rad_s": torque, "torque_nm": velocity}
     file = write(tmp_path / "swapped.csv", swapped)
-    told = ask(*words, file, "--out", tmp_path / ("x.csv" if code == 6 else "runs"))
-    assert told.code == code
+    told = ask(*words, file, "--out", tmp_path / ("x.csv" if code == 6 else "runs"), code=code)
     assert "each other's place" in told.what
     assert "hdbench import --map" in told.what + told.fix
 
@@ -140,8 +132,7 @@ def test_swapped_columns_are_doubted(ask, tmp_path, words, code):
 def test_a_wrong_unit_is_doubted(ask, tmp_path, column, factor, word):
     data = columns()
     file = write(tmp_path / "unit.csv", {**data, column: factor * data[column]})
-    told = ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
-    assert told.code == 6
+    told = ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs", code=6)
     assert word in told.what
 
 
@@ -153,38 +144,32 @@ def test_a_time_in_milliseconds_is_doubted_by_every_command(ask, tmp_path, words
     data = columns()
     file = write(tmp_path / "ms.csv", {**data, "time_s": 1000.0 * data["time_s"]})
     out = tmp_path / ("x.csv" if words[0] == "filter" else "runs")
-    told = ask(*words, file, "--out", out)
-    assert told.code == 6
+    told = ask(*words, file, "--out", out, code=6)
     # the result of a diagnosis says it, its last line names the flag
     assert "ms" in told.what or "wrong-channel" in told.what
 
 
-def test_the_same_trace_in_its_own_units_is_not_doubted(ask, tmp_path):
+def test_the_same_trace_in_its_own_units_is_not_doubted(hdbench, tmp_path):
     file = write(tmp_path / "right.csv", columns())
-    run_it = ("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
-    filter_it = ("filter", file, "--model", "report-6", "--out", tmp_path / "y.csv")
-    assert [ask(*words).code for words in (run_it, filter_it)] == [0, 0]
+    hdbench("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
+    hdbench("filter", file, "--model", "report-6", "--out", tmp_path / "y.csv")
 
 
 def test_a_calibration_that_is_not_there(ask, tmp_path):
-    told = ask("run-ripple", "--yes", "--calibration", tmp_path / "gone")
-    assert told.code == 4
-    assert "runs list" in told.fix
+    words = ("run-ripple", "--yes", "--calibration")
+    assert "runs list" in ask(*words, tmp_path / "gone", code=4).fix
     (tmp_path / "empty").mkdir()
-    told = ask("run-ripple", "--yes", "--calibration", tmp_path / "empty")
-    assert told.code == 4
-    assert "hdbench calibrate" in told.fix
+    assert "hdbench calibrate" in ask(*words, tmp_path / "empty", code=4).fix
 
 
-def test_a_slip_in_a_key_is_told_with_its_line(ask, tmp_path):
+def test_a_slip_in_a_key_is_told_with_its_line(ask, hdbench, tmp_path):
     file = tmp_path / "bench.toml"
-    ask("profile", "new", "bench", "--out", file)
+    hdbench("profile", "new", "bench", "--out", file)
     text = file.read_text().replace("gear_ratio", "gear_ratoi", 1)
     file.write_text(text)
     line = 1 + text[: text.index("gear_ratoi")].count("\n")
     for words in (("profile", "check", file), ("run-ripple", "--dry-run", "--profile", file)):
-        told = ask(*words)
-        assert told.code == 4
+        told = ask(*words, code=4)
         (slip,) = [p for p in told.problems if "gear_ratoi" in p["what"]]
         assert slip["where"] == f"{file}:{line}"
         assert "gear_ratio'" in slip["fix"]
@@ -203,21 +188,20 @@ def test_a_slip_in_a_key_is_told_with_its_line(ask, tmp_path):
     ],
 )
 def test_the_name_that_was_meant_is_told(ask, words, code, meant):
-    told = ask(*words)
-    assert told.code == code
+    told = ask(*words, code=code)
     assert f"'{meant}'" in told.what + told.fix or f"`{meant}`" in told.fix
 
 
-def test_decimal_commas_and_a_spreadsheets_mark_lead_to_the_import(ask, tmp_path):
+def test_decimal_commas_and_a_spreadsheets_mark_lead_to_the_import(ask, hdbench, tmp_path):
     data = columns(600)
     for name, mark in (("comma.csv", ""), ("sheet.csv", "\ufeff")):
         file = write(tmp_path / name, data, sep=";", mark=mark)
-        told = ask("filter", file, "--model", "report-6", "--out", tmp_path / "x.csv")
-        assert told.code == 4
+        words = ("filter", file, "--model", "report-6", "--out", tmp_path / "x.csv")
+        told = ask(*words, code=4)
         assert told.where == f"{file}:1"
         assert "hdbench import" in told.fix
         out = tmp_path / f"clean-{name}"
-        assert ask("import", "--kind", "trace", file, "--out", out).code == 0
+        hdbench("import", "--kind", "trace", file, "--out", out)
         assert out.read_text().splitlines()[0] == ",".join(NAMES)
 
 
@@ -234,42 +218,39 @@ def evaluated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return run, told.rstrip().splitlines()[-1]
 
 
-def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(ask, evaluated, tmp_path):
+def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(
+    ask, hdbench, evaluated, tmp_path
+):
     moved = shutil.copytree(evaluated[0], tmp_path / "elsewhere" / "renamed")
-    assert ask("runs", "verify", moved).code == 0
+    hdbench("runs", "verify", moved)
     (moved / "run.json").unlink()
-    told = ask("run-ripple", "--from", moved, "--no-report", "--out", tmp_path / "runs")
-    assert told.code == 4
+    told = ask("run-ripple", "--from", moved, "--no-report", "--out", tmp_path / "runs", code=4)
     assert "run.json" in told.what
     assert "runs list" in told.fix
 
 
 def test_a_listed_run_can_be_named_as_it_is_listed_and_tells_the_next_command(
-    evaluated, capsys, monkeypatch
+    evaluated, hdbench, monkeypatch
 ):
     run, last = evaluated
     assert last.startswith("next    hdbench diagnose ")
     monkeypatch.chdir(run.parents[1])
-    assert main_module._run(["runs", "list", "my runs"], Output()) == 0
-    listed = capsys.readouterr().out.split("  ")[0]
-    assert main_module._run(["runs", "show", listed], Output()) == 0
-    shown = capsys.readouterr().out
+    listed = hdbench("runs", "list", "my runs")[0].split("  ")[0]
+    shown, _ = hdbench("runs", "show", listed)
     assert "{" not in shown
     assert shown.rstrip().splitlines()[-1] == f"next    hdbench diagnose '{listed}'"
 
 
-def test_an_empty_list_of_runs_says_where_it_looked(tmp_path, capsys, monkeypatch):
+def test_an_empty_list_of_runs_says_where_it_looked(tmp_path, hdbench, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main_module._run(["runs", "list"], Output()) == 0
-    told = capsys.readouterr().out
+    told, _ = hdbench("runs", "list")
     assert str(tmp_path / "runs") in told
     assert "hdbench demo" in told
 
 
 def test_a_file_where_a_folder_has_to_be_is_told_as_such(ask, tmp_path):
     file = write(tmp_path / "trace.csv", columns(600))
-    told = ask("report", file, "--out", file)
-    assert told.code == 7
+    told = ask("report", file, "--out", file, code=7)
     assert "a file stands where a folder has to be" in told.fix
 
 
@@ -291,8 +272,8 @@ COMMANDS = dict(leaves(main_module.cli))
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
 def test_an_unknown_option_is_one_json_object_with_a_fix(ask, path):
-    told = ask(*path, "--no-such-option")
-    assert (told.code, told.kind) == (2, "usage")
+    told = ask(*path, "--no-such-option", code=2)
+    assert told.kind == "usage"
     assert told.where == " ".join(("hdbench", *path))
     assert "--help" in told.fix
 
@@ -318,8 +299,7 @@ def test_a_missing_file_is_one_json_object_with_a_fix(ask, path, tmp_path):
             needed += [param.opts[0], kinds[0] if kinds else str(tmp_path / "out.csv")]
     arguments = [p for p in COMMANDS[path].params if isinstance(p, click.Argument)]
     texts = ["text" for p in arguments if p.required and p.name == "text"]
-    told = ask(*path, *needed, tmp_path / "missing", *texts)
-    assert told.code in (2, 4)
+    told = ask(*path, *needed, tmp_path / "missing", *texts, code=4)
     assert told.fix
     assert "missing" in told.what + told.where
 
@@ -394,29 +374,24 @@ def test_the_next_command_follows_the_work():
 )
 def test_every_command_says_alike_that_nothing_is_there(ask, tmp_path, words):
     missing = str(tmp_path / "nothing.csv")
-    told = ask(*(word.format(missing) for word in words))
-    assert (told.code, told.what, told.where) == (4, "no such file or run", missing)
+    told = ask(*(word.format(missing) for word in words), code=4)
+    assert (told.what, told.where) == ("no such file or run", missing)
     assert "hdbench runs list" in told.fix
 
 
 def test_traces_are_written_as_csv_only(ask, tmp_path):
     trace = tmp_path / "trace.csv"
     trace.write_text("time_s,motor_velocity_rad_s,torque_nm\n0,1,1\n0.001,1,1\n")
-    told = ask("filter", trace, "--out", tmp_path / "clean.xlsx")
-    assert told.code == 2
-    assert "clean.csv" in told.fix
+    assert "clean.csv" in ask("filter", trace, "--out", tmp_path / "clean.xlsx", code=2).fix
     assert not (tmp_path / "clean.xlsx").exists()
 
 
 @pytest.mark.parametrize("typed", ["0", "50,0", "fast", "nan", "50;156"])
 def test_response_needs_speeds_that_are_not_zero(ask, typed):
-    told = ask("response", "--model", "report-6", "--velocity", typed)
-    assert told.code == 2
+    told = ask("response", "--model", "report-6", "--velocity", typed, code=2)
     assert "rad/s" in told.what
 
 
-def test_response_takes_several_speeds_in_one_word(capsys):
-    words = ["response", "--model", "report-6", "--velocity", "50,156", "--json"]
-    assert main_module._run(words, Output(json=True)) == 0
-    body = json.loads(capsys.readouterr().out)
+def test_response_takes_several_speeds_in_one_word(answer):
+    body = answer("response", "--model", "report-6", "--velocity", "50,156")
     assert [item["velocity_rad_s"] for item in body["responses"]] == [50.0, 156.0]
