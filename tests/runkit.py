@@ -1,8 +1,11 @@
-"""Results and folders of runs as an earlier session left them."""
+"""Results and folders of runs as an earlier session left them, and a command line run in place."""
 
 import json
 from pathlib import Path
 from typing import Any
+
+import pytest
+from click.testing import CliRunner
 
 
 def quantity(value: float, std: float, dof: float | None = None) -> dict[str, float | None]:
@@ -37,3 +40,14 @@ def write_run(path: Path, kind: str, result: dict[str, Any] | None = None, **man
     if result is not None:
         (path / "result.json").write_text(json.dumps({"schema": f"hdbench/{kind}/1", **result}))
     return path
+
+
+def ran(*words: object, code: int = 0) -> str:
+    """Run a command line in this process, for what a module makes once; return its stdout."""
+    from hdbench_cli.main import main
+
+    with CliRunner(env={"NO_COLOR": "1"}).isolation() as streams:
+        with pytest.raises(SystemExit) as end:
+            main([str(word) for word in words])
+        assert end.value.code == code, streams[1].getvalue().decode()
+        return streams[0].getvalue().decode()

@@ -2,21 +2,21 @@
 
 import io
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from rich.console import Console
+from runkit import ran
 from swinging_shaft import record
 
 from hdbench.model import catalogue
 from hdbench.records import write_trace
 from hdbench.report.diagnosis.limits import left_out_line, rest_line
 from hdbench.results import DiagnosisResult
-from hdbench_cli import main as main_module
 from hdbench_cli.commands.diagnosis_text import lines, names_line
-from hdbench_cli.output import Output, show_lines
+from hdbench_cli.output import show_lines
 
 # contract, section 5
 CONTRACT = """schema hdbench_version profile verdict causes minor unexplained data_flags left_out
@@ -73,21 +73,17 @@ def trace_file(folder, amplitude_nm, change=lambda torque: None, n=6000):
     return file
 
 
-def run(folder, *words):
-    """Return exit code and stdout of the command, its runs in `folder`."""
-    arguments = ["diagnose", "--out", str(folder / "runs"), *map(str, words)]
-    with CliRunner().isolation() as streams:
-        code = main_module._run(arguments, Output(json="--json" in words))
-        return code, streams[0].getvalue().decode()
+@pytest.fixture
+def diagnosed(answer, tmp_path):
+    return partial(answer, "diagnose", "--out", tmp_path / "runs")
 
 
 @pytest.fixture(scope="module")
 def hidden(tmp_path_factory):
     """Return the folder of a trace with a hidden order, and what is told of it."""
     folder = tmp_path_factory.mktemp("hidden")
-    code, out = run(folder, "--json", "--check", trace_file(folder, 0.1))
-    assert code == 3
-    return folder, json.loads(out)
+    words = ("diagnose", "--out", folder / "runs", "--json", "--check", trace_file(folder, 0.1))
+    return folder, json.loads(ran(*words, code=3))
 
 
 def test_a_hidden_order_is_one_json_object_with_the_contracts_keys(hidden):
@@ -100,47 +96,41 @@ def test_a_hidden_order_is_one_json_object_with_the_contracts_keys(hidden):
     assert cause["parameters"]["order"]["value"] == pytest.approx(5.5, abs=1e-3)
 
 
-def test_the_extended_model_continues_and_leaves_nothing_to_find(hidden):
+def test_the_extended_model_continues_and_leaves_nothing_to_find(hidden, diagnosed):
     folder, body = hidden
     assert Path(body["run_folder"], "model.json").samefile(body["model_file"])
-    code, _ = run(folder, "--check", "--model", body["model_file"], folder / "trace.csv")
-    assert code == 0
+    diagnosed("--check", "--model", body["model_file"], folder / "trace.csv")
 
 
-def test_a_failed_check_comes_before_doubtful_data(tmp_path):
+def test_a_failed_check_comes_before_doubtful_data(tmp_path, diagnosed):
     """Doubtful data alone exit 6: test_newcomer."""
 
     def harm(torque):
         torque[800:840] = np.nan
 
-    code, out = run(tmp_path, "--json", "--check", trace_file(tmp_path, 0.1, harm, n=1500))
-    assert code == 3
-    (flag,) = json.loads(out)["data_flags"]
+    body = diagnosed("--check", trace_file(tmp_path, 0.1, harm, n=1500), code=3)
+    (flag,) = body["data_flags"]
     assert (flag["name"], flag["samples"]) == ("missed-samples", 40)
 
 
-def test_loads_are_told_from_a_trace_by_their_columns(tmp_path):
+def test_loads_are_told_from_a_trace_by_their_columns(tmp_path, diagnosed):
     file = tmp_path / "loads.csv"
     file.write_text(LOADS)
-    code, out = run(tmp_path, "--json", file)
-    body = json.loads(out)
-    assert code == 0
+    body = diagnosed(file)
     assert body["verdict"] == "cannot-tell"
     assert body["reason"]
     assert set(body) >= KEYS
 
 
-def test_a_broken_cell_exits_4_with_file_and_line(tmp_path):
+def test_a_broken_cell_exits_4_with_file_and_line(tmp_path, diagnosed):
     file = tmp_path / "broken.csv"
     file.write_text("time_s,motor_velocity_rad_s,torque_nm\n0,1,0.5\n0.001,1,x\n")
-    code, out = run(tmp_path, "--json", file)
-    assert code == 4
-    assert "broken.csv:3" in json.loads(out)["error"]["where"]
+    assert "broken.csv:3" in diagnosed(file, code=4)["error"]["where"]
     assert not (tmp_path / "runs").exists()
 
 
-def test_list_causes_holds_the_contracts_names_of_what_is_searched(tmp_path):
-    body = json.loads(run(tmp_path, "--list-causes", "--json")[1])
+def test_list_causes_holds_the_contracts_names_of_what_is_searched(diagnosed):
+    body = diagnosed("--list-causes")
     assert body["hdbench_version"]
     assert body["profile"] is None
     # held against the contract's list in tests/model

@@ -16,10 +16,10 @@ from types import SimpleNamespace
 import click
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from runkit import ran
 from swinging_shaft import BENCH, record
 
-from hdbench_cli import main as main_module
+from hdbench_cli.main import cli
 from hdbench_cli.next_step import after_import, after_run, after_tune
 from hdbench_cli.options import declared
 from hdbench_cli.output import Output
@@ -210,10 +210,7 @@ def evaluated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Return a run that was evaluated from a trace, and the last line of what was told."""
     folder = tmp_path_factory.mktemp("evaluated")
     file = write(folder / "trace.csv", columns())
-    words = ["run-ripple", "--from", str(file), "--no-report", "--out", str(folder / "my runs")]
-    with CliRunner(env={"NO_COLOR": "1"}).isolation() as streams:
-        assert main_module._run(words, Output()) == 0
-        told = streams[0].getvalue().decode()
+    told = ran("run-ripple", "--from", file, "--no-report", "--out", folder / "my runs")
     (run,) = (folder / "my runs").iterdir()
     return run, told.rstrip().splitlines()[-1]
 
@@ -267,7 +264,7 @@ def leaves(
             yield (*path, name), command
 
 
-COMMANDS = dict(leaves(main_module.cli))
+COMMANDS = dict(leaves(cli))
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)

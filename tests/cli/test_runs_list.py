@@ -6,14 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
-from runkit import write_run
+from runkit import ran, write_run
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.main import _run
 from hdbench_cli.options import StoredPath, newest_run
-from hdbench_cli.output import Output
 
 LOADS = Path(__file__).parents[1] / "stored" / "calibration" / "loads.csv"
 
@@ -23,8 +21,7 @@ def evaluated(tmp_path_factory):
     """Return two evaluations of one loads file, for two drives."""
     folder = tmp_path_factory.mktemp("evaluated")
     for drive in ("A-17", "=B(1)"):
-        words = ["calibrate", "--from", LOADS, "--drive", drive, "--out", folder, "--no-report"]
-        assert _run([*map(str, words)], Output()) == 0
+        ran("calibrate", "--from", LOADS, "--drive", drive, "--out", folder, "--no-report")
     return folder
 
 

@@ -13,9 +13,7 @@ from subprocess import DEVNULL, PIPE, Popen
 
 import pytest
 from forked import hdbench_process
-
-from hdbench_cli import main as main_module
-from hdbench_cli.output import Output
+from runkit import ran
 
 
 class Served:
@@ -134,7 +132,7 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path
         assert bench.history()[-1]["watchdog_trips"] == 0
     (folder,) = out.iterdir()
     assert manifest(out)["status"] == "running"
-    assert main_module._run(["runs", "verify", str(folder), "--recover"], Output()) == 0
+    ran("runs", "verify", folder, "--recover")
     assert manifest(out)["status"] == "incomplete"
     assert (folder / "trace.csv").read_text().count("\n") > 100
 

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from runkit import ran
 
 from hdbench.filter import load_filter_model, preset
 from hdbench.filter.kalman import kernel_form
 from hdbench.profile import load_profile
-from hdbench_cli.main import cli
-from hdbench_cli.output import Output
 
 OU = ("--slow", "ornstein-uhlenbeck")
 
@@ -44,11 +42,7 @@ def tuned(trace: Path) -> tuple[Path, dict]:
     except ValueError:
         pytest.skip("the C kernel was not compiled here")
     out = trace.parent / "tuned.json"
-    return out, json.loads(
-        CliRunner()
-        .invoke(cli, ["tune", *map(str, (trace, "--out", out)), *OU, "--json"], obj=Output())
-        .stdout
-    )
+    return out, json.loads(ran("tune", trace, "--out", out, *OU, "--json"))
 
 
 def head(path: Path) -> list[str]:

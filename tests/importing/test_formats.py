@@ -4,13 +4,14 @@ Formats whose library is not installed are skipped: `make formats`, a part of `m
 them all.
 """
 
-import json
 import os
 import random
+import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,6 @@ from hdbench.importing.importer import import_files
 from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
 from hdbench.importing.registry import IsolatedSource, end_reader, open_source
 from hdbench.records import input_identity, read_trace
-from hdbench_cli.main import main
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 from import_fuzz import GOOD, MOST_MIB, run
@@ -358,17 +358,13 @@ def test_provenance_is_bound_to_the_content(tmp_path):
     assert "imported" not in input_identity(out)
 
 
-def test_a_recipe_is_kept_and_a_slip_in_it_is_told(tmp_path):
+def test_a_recipe_is_kept_and_a_slip_in_it_is_told(tmp_path, answer):
     file, kept = write_sample("npz", tmp_path), tmp_path / "r.toml"
     write_recipe(kept, recipe("npz", side="output", rate_hz=None))
     assert read_recipe(kept) == recipe("npz", side="output")
     folder = tmp_path / "traces"
     folder.mkdir()
-    words = ["import", str(file), "--recipe", str(kept), "--out", str(folder), "--json"]
-    words += ["--profile", "cim-tr-97-06"]
-    with pytest.raises(SystemExit) as end:
-        main(words)
-    assert end.value.code == 0
+    answer("import", file, "--recipe", kept, "--out", folder, "--profile", "cim-tr-97-06")
     assert (folder / "sample.csv").is_file()
     kept.write_text('sides = "output"\n')
     with pytest.raises(DataError, match="did you mean 'side'") as caught:
@@ -376,51 +372,41 @@ def test_a_recipe_is_kept_and_a_slip_in_it_is_told(tmp_path):
     assert caught.value.where.endswith("sides")
 
 
-def listing(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, dict[str, object]]:
-    with pytest.raises(SystemExit) as end:
-        main(["import", *map(str, words), "--no-input", "--json"])
-    return int(end.value.code or 0), json.loads(capsys.readouterr().out)
+@pytest.fixture
+def listing(answer):
+    return partial(answer, "import", "--no-input")
 
 
-def test_the_proposed_command_can_be_taken(tmp_path, capsys, monkeypatch):
-    import shlex
-
+def test_the_proposed_command_can_be_taken(tmp_path, listing, hdbench, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = write_sample("text", tmp_path)
-    code, body = listing(capsys, file)
-    assert code == 0
-    proposal = body["proposal"]
+    proposal = listing(file)["proposal"]
     assert proposal["map"] == {
         "time_s": "time", "torque_nm": "torque", "motor_velocity_rad_s": "speed@rpm",
     }  # fmt: skip
-    with pytest.raises(SystemExit) as end:
-        main(shlex.split(proposal["command"])[1:])
-    assert end.value.code == 0
+    hdbench(*shlex.split(proposal["command"])[1:])
     assert len(read_trace(tmp_path / "sample.trace.csv")) == 200
 
 
-def test_a_proposal_does_not_cut_a_name_within_its_unit(tmp_path, capsys):
+def test_a_proposal_does_not_cut_a_name_within_its_unit(tmp_path, listing):
     file = tmp_path / "log.csv"
     rows = "".join(f"{k},1500,{k % 3}\n" for k in range(9))
     file.write_text("Zeit [ms],Drehzahl [1/min],Drehmoment [Nm]\n" + rows)
-    _, body = listing(capsys, file)
-    assert body["proposal"]["map"]["motor_velocity_rad_s"] == "Drehzahl [1/min]@1/min"
+    assert listing(file)["proposal"]["map"]["motor_velocity_rad_s"] == "Drehzahl [1/min]@1/min"
 
 
-def test_the_joint_side_needs_a_gear_ratio(tmp_path, capsys):
+def test_the_joint_side_needs_a_gear_ratio(tmp_path, listing):
     columns = {"t": np.arange(3.0), "q": np.arange(3.0), "T": np.ones(3)}
     np.savez(tmp_path / "log.npz", **columns)
     asked = Recipe(map={"time_s": "t", "motor_angle_rad": "q", "torque_nm": "T"}, side="output")
     with pytest.raises(UsageError, match="gear ratio"):
         import_files(asked, [tmp_path / "log.npz"], tmp_path / "out.csv")
     # that of the built-in bench is none of this drive
-    words = ["--side", "output", "--map", "time_s=t", "--map", "motor_angle_rad=q"]
-    code, body = listing(
-        capsys, tmp_path / "log.npz", *words, "--map", "torque_nm=T", "--out", tmp_path / "out.csv"
-    )
-    assert code == 2
+    words = (tmp_path / "log.npz", "--side", "output")
+    maps = ("--map", "time_s=t", "--map", "motor_angle_rad=q", "--map", "torque_nm=T")
+    body = listing(*words, *maps, "--out", tmp_path / "out.csv", code=2)
     assert "--profile" in body["error"]["fix"]
-    code, body = listing(capsys, tmp_path / "log.npz", "--side", "output")
+    body = listing(*words)
     assert any(need.startswith("PROFILE.toml") for need in body["proposal"]["needs"])
 
 
