@@ -225,11 +225,7 @@ def test_angle_or_encoder_serves_where_the_model_asks_for_it(bench):
     count = np.round(np.linspace(0.0, 9000.0, 300))
     angle = count * (2.0 * np.pi / bench.encoder.counts_per_turn)
     by_angle = filter_trace(trace(motor_angle_rad=angle), model, bench)
-    by_count = filter_trace(
-        trace(encoder_count=count),
-        model,
-        bench,
-    )
+    by_count = filter_trace(trace(encoder_count=count), model, bench)
     by_velocity = filter_trace(trace(), model, bench)
     assert_array_equal(by_angle.torque_filtered_nm, by_count.torque_filtered_nm)
     assert np.abs(by_angle.torque_filtered_nm - by_velocity.torque_filtered_nm).max() > 1e-3

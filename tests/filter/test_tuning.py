@@ -9,7 +9,7 @@ import pytest
 import tuning_campaign
 from kernel_models import filter_model, new_state, order_block, run
 from numpy.testing import assert_allclose
-from tuning_traces import channels, needs_compiled_kernel, turning
+from tuning_traces import channels, needs_compiled_kernel, recorded, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import (
@@ -68,7 +68,7 @@ def test_the_score_is_the_likelihood_with_all_noise_scaled_to_the_data(block):
 
 def test_two_traces_count_as_independent_records():
     model = relative_model((SLOW[1],))
-    records = [channels(*_parts(turning(1.0, seed=s))) for s in (1, 2)]
+    records = [recorded(1.0, seed=s) for s in (1, 2)]
     single = [score(model, [record]) for record in records]
     both = score(model, records)
     assert both.samples == sum(s.samples for s in single)
@@ -77,26 +77,22 @@ def test_two_traces_count_as_independent_records():
     assert both.noise_nm2 == pytest.approx(total / both.samples, rel=1e-12)
 
 
-def six_states(bench):
+@pytest.fixture(scope="module")
+def base(bench):
+    """Return the model of six states that is tuned."""
+    needs_compiled_kernel()
     return replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
 
 
-def _parts(made):
-    t, v, angle, y = made
-    return t, v, y, angle
-
-
 @pytest.fixture(scope="module")
-def tuned(bench):
+def tuned(base, bench):
     """Return one tuning with its trace: first-order torque beside ripple and misalignment."""
-    needs_compiled_kernel()
-    base = six_states(bench)
-    record = channels(*_parts(turning(10.0, seed=5)))
-    return base, record, tune(base, [record], settings_of(bench), origins={"trace": "sha256 0"})
+    record = recorded(10.0, seed=5)
+    return record, tune(base, [record], settings_of(bench), origins={"trace": "sha256 0"})
 
 
 def test_the_noise_that_was_put_in_is_found_within_its_standard_errors(tuned):
-    _, _, found = tuned
+    _, found = tuned
     by_name = {e.name: e for e in found.estimates}
     assert found.candidates[0].slow == "ornstein-uhlenbeck"
     assert found.converged
@@ -112,7 +108,7 @@ def test_the_noise_that_was_put_in_is_found_within_its_standard_errors(tuned):
 
 
 def test_the_innovations_of_a_tuned_model_are_white_and_of_their_variance(tuned):
-    _, _, found = tuned
+    _, found = tuned
     check = found.consistency
     assert check.nis.band[0] < check.nis.value < check.nis.band[1]
     # a right model fails this once in ten thousand traces
@@ -121,7 +117,7 @@ def test_the_innovations_of_a_tuned_model_are_white_and_of_their_variance(tuned)
 
 
 def test_an_untuned_model_fails_the_same_checks(tuned, bench):
-    _, record, found = tuned
+    record, found = tuned
     wrong = replace(found.model, measurement_noise=4.0 * found.model.measurement_noise)
     check = check_innovations(wrong, [record])
     assert not check.nis.band[0] < check.nis.value < check.nis.band[1]
@@ -129,7 +125,7 @@ def test_an_untuned_model_fails_the_same_checks(tuned, bench):
 
 
 def test_the_tuned_model_is_stored_and_read_back(tuned, bench, tmp_path):
-    _, record, found = tuned
+    record, found = tuned
     file = tmp_path / "tuned.json"
     file.write_text(json.dumps(found.model.to_dict(), allow_nan=False))
     read = load_filter_model(str(file), bench)
@@ -149,9 +145,8 @@ def beginning(record, n):
     return channels(*(column[:n] for column in _args(record)))
 
 
-def test_torque_in_other_units_scales_every_noise(tuned):
-    base, record, _ = tuned
-    cut = beginning(record, 4000)
+def test_torque_in_other_units_scales_every_noise(base, tuned):
+    cut = beginning(tuned[0], 4000)
     settings = TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")
     one = tune(base, [cut], settings)
     ten = tune(
@@ -180,8 +175,8 @@ def test_a_tuned_filter_keeps_the_torque_and_takes_the_ripple(bench):
     assert row["oracle_error_nm"] < 0.3 * row["report_error_nm"]
 
 
-def test_a_walk_by_name_is_warned_of_and_a_stationary_kind_is_what_auto_takes(tuned):
-    base, record, found = tuned
+def test_a_walk_by_name_is_warned_of_and_a_stationary_kind_is_what_auto_takes(base, tuned):
+    record, found = tuned
     assert {c.slow for c in found.candidates} == {"none", "ornstein-uhlenbeck", "resonance"}
     part = beginning(record, 3000)
     walk = tune(base, [part], TuningSettings(4.0, 40.0, slow="integrated-random-walk"))
@@ -189,18 +184,14 @@ def test_a_walk_by_name_is_warned_of_and_a_stationary_kind_is_what_auto_takes(tu
     assert walk.model.slow[0].kind == "integrated-random-walk"
 
 
-def test_few_output_turns_and_constant_speed_are_told(bench):
-    needs_compiled_kernel()
-    base = six_states(bench)
-    record = channels(*_parts(turning(4.0, seed=1, low=60.0, high=60.0)))
+def test_few_output_turns_and_constant_speed_are_told(base):
+    record = recorded(4.0, seed=1, low=60.0, high=60.0)
     notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")).notes
     assert any("output turns" in note and "order 0.01" in note for note in notes)
     assert any("constant speed" in note for note in notes)
 
 
-def test_an_order_that_the_model_lacks_is_noticed_in_the_innovations(bench):
-    needs_compiled_kernel()
-    base = six_states(bench)
+def test_an_order_that_the_model_lacks_is_noticed_in_the_innovations(base):
     t, v, angle, y = turning(5.0, seed=1)
     record = channels(t, v, y + 0.5 * np.cos(6 * angle), angle)
     notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="random-walk")).notes
@@ -211,16 +202,14 @@ def test_a_resonance_at_an_order_of_a_constant_speed_is_refused():
     model = relative_model(
         (SlowBlock("resonance", variance=1.0, time_constant_s=5.0, frequency_hz=0.1),)
     )
-    steady = describe_motion([channels(*_parts(turning(4.0, low=60.0, high=60.0)))])
-    swinging = describe_motion([channels(*_parts(turning(4.0)))])
+    steady = describe_motion([recorded(4.0, low=60.0, high=60.0)])
+    swinging = describe_motion([recorded(4.0)])
     # order 0.01 at 60 rad/s turns at 0.095 Hz
     assert "order 0.01" in refusal(model, steady)
     assert refusal(model, swinging) is None
 
 
-def test_spikes_are_left_out_and_a_step_is_not(bench):
-    needs_compiled_kernel()
-    base = six_states(bench)
+def test_spikes_are_left_out_and_a_step_is_not(base):
     t, v, angle, y = turning(4.5, seed=4)
     y[2500:] += 3.0
     clean = channels(t, v, y, angle)
@@ -239,8 +228,8 @@ def test_spikes_are_left_out_and_a_step_is_not(bench):
     ("records", "what"),
     [
         ([], "no trace"),
-        ([channels(*_parts(turning(1.0)))], "samples"),
-        ([channels(*_parts(turning(3.0, noise=0.0, slow=0.0))[:2], np.zeros(3000))], "no noise"),
+        ([recorded(1.0)], "samples"),
+        ([channels(*turning(3.0)[:2], np.zeros(3000))], "no noise"),
     ],
     ids=["none", "short", "silent"],
 )
@@ -310,7 +299,7 @@ def test_the_density_of_a_slow_torque_integrates_to_its_variance(block):
 
 
 def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque_alone():
-    motion = describe_motion([channels(*_parts(turning(20.0)))])
+    motion = describe_motion([recorded(20.0)])
     found = [
         Estimate("measurement_noise", "(N m)^2", 0.0025, 0.01),
         Estimate("order 2 process_noise", "(N m)^2/rad", 1e-20, None),
@@ -331,7 +320,7 @@ def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque
 
 @pytest.mark.parametrize(("noise", "lowered"), [(1e-7, False), (2e-4, True)])
 def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(noise, lowered):
-    motion = describe_motion([channels(*_parts(turning(40.0)))])
+    motion = describe_motion([recorded(40.0)])
     slow = SlowBlock("resonance", variance=3.0, time_constant_s=0.1, frequency_hz=2.9)
     blocks = (order_block(2.0, 1e-6), order_block(0.01, noise, "misalignment"))
     model = replace(relative_model((slow,)), blocks=blocks, measurement_noise=0.0032)
@@ -357,7 +346,7 @@ def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(n
 
 
 def test_the_offset_has_a_tenth_of_the_density_at_the_slowest_order():
-    motion = describe_motion([channels(*_parts(turning(20.0)))])
+    motion = describe_motion([recorded(20.0)])
     slow = (SlowBlock("random-walk", noise_per_s=1e-9), SLOW[1])
     moved = with_moving_offset(relative_model(slow), motion)
     hz = 0.01 * motion.speed_rad_s / (2.0 * math.pi)

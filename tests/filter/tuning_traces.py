@@ -40,6 +40,12 @@ def turning(duration_s=8.0, *, noise=0.05, seed=0, slow=0.5, low=40.0, high=160.
     return t, v, angle, y
 
 
+def recorded(*length, **options):
+    """Return what `turning` gives as channels."""
+    t, v, angle, y = turning(*length, **options)
+    return channels(t, v, y, angle)
+
+
 def tuned_like():
     """Return a model as a tuning makes them."""
     output = order_block(0.01, 1e-7, "misalignment")

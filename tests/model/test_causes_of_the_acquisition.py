@@ -69,18 +69,18 @@ def test_an_acceleration_by_the_angle_is_formed_again(bench):
     angle = 30.0 * time + 20.0 * time**2
     speed = 30.0 + 40.0 * time + np.random.default_rng(1).normal(0.0, 0.5, 1500)
     columns = {"motor_velocity_rad_s": speed}
-    slipped = turning(time, **columns, motor_angle_rad=angle + np.where(time >= 0.7, 0.01, 0.0))
-    recorded = motion_from_trace(slipped, bench)
+    slipped = angle + np.where(time >= 0.7, 0.01, 0.0)
+    recorded = moved(bench, time, **columns, motor_angle_rad=slipped)
     assert recorded.acceleration_source == "angle"
     assert np.abs(recorded.acceleration_rad_s2 - 40.0).max() > 50.0
     found = true_motion(recorded, "encoder-slip", step_time_s=0.7, slip_rad=0.01)
     # angles of 75 rad: doubles 1e-14 apart, over (1 ms)^2 where a window ends
     np.testing.assert_allclose(found.acceleration_rad_s2, 40.0, rtol=0, atol=1e-7)
     lost = np.delete(np.arange(1500), np.arange(700, 720))
-    counted = turning(time[: len(lost)], motor_velocity_rad_s=speed[lost],
-                      motor_angle_rad=angle[lost])  # fmt: skip
+    columns = {"motor_velocity_rad_s": speed[lost], "motor_angle_rad": angle[lost]}
+    counted = moved(bench, time[: len(lost)], **columns)
     # the jump of the angle makes it the worse source: asked for all the same
-    recorded = replace(motion_from_trace(counted, bench), acceleration_source="angle")
+    recorded = replace(counted, acceleration_source="angle")
     found = true_motion(recorded, "missed-samples", step_time_s=0.7, missed_s=0.020)
     np.testing.assert_allclose(found.acceleration_rad_s2, 40.0, rtol=0, atol=1e-7)
 
@@ -98,17 +98,13 @@ def test_missed_samples_are_given_their_time_and_angle(bench):
     true = np.delete(np.arange(2000) * 1e-3, np.arange(500, 540))
     # the counter goes on counting as if nothing had been lost
     time = np.arange(len(true)) * 1e-3
-    recorded = motion_from_trace(
-        turning(time, motor_velocity_rad_s=np.full(len(true), 30.0)), bench
-    )
+    speed = np.full(len(true), 30.0)
+    recorded = moved(bench, time, motor_velocity_rad_s=speed)
     found = true_motion(recorded, "missed-samples", step_time_s=0.5, missed_s=0.040)
     # sums of 2000 steps
     np.testing.assert_allclose(found.time_s, true, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.angle_rad, 30.0 * true, rtol=0, atol=1e-10)
-    measured = motion_from_trace(
-        turning(time, motor_velocity_rad_s=np.full(len(true), 30.0), motor_angle_rad=30.0 * true),
-        bench,
-    )
+    measured = moved(bench, time, motor_velocity_rad_s=speed, motor_angle_rad=30.0 * true)
     kept = true_motion(measured, "missed-samples", step_time_s=0.5, missed_s=0.040)
     assert (kept.angle_rad == measured.angle_rad).all()
     late = true_motion(recorded, "missed-samples", step_time_s=99.0, missed_s=0.040)

@@ -20,10 +20,16 @@ from hdbench.records.trace import Trace
 from hdbench.records.tracefile import read_trace, write_trace
 
 
-def run_of(bench: ProfileData, wave: ReferenceWave, duration: float, noise: float = 0.0) -> Trace:
+def run_of(
+    bench: ProfileData,
+    wave: ReferenceWave,
+    duration: float,
+    noise: float = 0.0,
+    model: BenchModel | None = None,
+) -> Trace:
     return simulate_run(
         bench,
-        BenchModel.from_profile(bench),
+        model or BenchModel.from_profile(bench),
         duration_s=duration,
         wave=wave,
         noise_nm=noise,
@@ -185,9 +191,7 @@ def test_a_run_of_its_own_can_show_every_cause(bench, middle_shape):
     for name, cause in catalogue().items():
         linear = (0.1,) * len(cause.linear)
         model = base.with_cause(CauseTerm(name, middle_shape(cause), linear))
-        run = simulate_run(
-            bench, model, duration_s=1.0, wave=wave, noise_nm=0.0, rng=np.random.default_rng(1)
-        )
+        run = run_of(bench, wave, 1.0, model=model)
         again = simulate_like(run, bench, model)
         assert again["torque_nm"].tobytes() == run["torque_nm"].tobytes(), name
         changed = np.abs(run["torque_nm"] - plain["torque_nm"]).max() > 0.0
@@ -199,23 +203,14 @@ def test_a_run_of_its_own_can_show_every_cause(bench, middle_shape):
     # current at the acceleration limit is the amplifier's
     crosstalk = base.with_cause(CauseTerm("crosstalk", {}, (0.5,)))
     fast = ReferenceWave(wave="constant", bias_v=5.0)
-    run = simulate_run(
-        bench, crosstalk, duration_s=0.1, wave=fast, noise_nm=0.0, rng=np.random.default_rng(1)
-    )
+    run = run_of(bench, fast, 0.1, model=crosstalk)
     # 1e-12: rounding of a difference of velocities over 1 ms
     assert run["motor_current_a"][20] == pytest.approx(bench.servo.max_current_a, rel=1e-12, abs=0)
 
 
 def test_the_true_torque_is_what_is_left_without_ripple_misalignment_and_noise(bench):
     model = BenchModel.from_profile(bench)
-    simulated = simulate_run(
-        bench,
-        model,
-        duration_s=2.0,
-        wave=bench.ripple.reference,
-        noise_nm=0.05,
-        rng=np.random.default_rng(0),
-    )
+    simulated = run_of(bench, bench.ripple.reference, 2.0, noise=0.05)
     angle, n = simulated["motor_angle_rad"], bench.drive.gear_ratio
     amplitude, phase = model.misalignment
     waves = amplitude * np.cos(angle / n + phase) + sum(
