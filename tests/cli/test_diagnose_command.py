@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recordlimits import LIMITS
 from rich.console import Console
 from runkit import ran
 from swinging_shaft import record
@@ -22,39 +23,6 @@ from hdbench_cli.output import show_lines
 CONTRACT = """schema hdbench_version profile verdict causes minor unexplained data_flags left_out
 rest testable minimum_detectable simulated extended model_file"""
 KEYS = set(CONTRACT.split())
-LIMITS = {
-    "left_out": [
-        {"reason": "the acceleration is not resolved", "samples": 19000, "share": 19000 / 24841},
-        {"reason": "spikes", "samples": 289, "share": 289 / 24841},
-    ],
-    "rest": {
-        "heldout_rms_nm": 0.119,
-        "noise_rms_nm": 0.043,
-        "told": [
-            {
-                "domain": "velocity",
-                "location": 1.0,
-                "extent": [0.0, 2.0],
-                "unit": "rad/s",
-                "size_nm": 0.1,
-                "share_of_variance": 0.1,
-            }
-        ],
-    },
-    "testable": [
-        {"name": name, "testable": not because, "because": because}
-        for name, because in (
-            ("spikes", ""),
-            ("zero-step", ""),
-            ("mains-hum", "torque low-passed at 10 Hz; nine tenths of it would stand above 50 Hz"),
-            ("tooth-mesh", "torque low-passed at 10 Hz; nine tenths of it would stand above 1 kHz"),
-            ("side-force", "the record has no load_torque_nm; needed: a known load"),
-            ("backlash", "the record has no load_torque_nm; needed: a known load"),
-            ("creep", "the record has no load_torque_nm; needed: a known load"),
-            ("crosstalk", "the record has no motor_current_a; needed: the motor current, A"),
-        )
-    ],
-}
 LOADS = """experiment,position_rad,range,direction,series,torque_nm,reading_v
 a,0,full,cw,up,0,0.01
 a,0,full,cw,up,10,1.525

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from browser import browser, browser_program
+from recordlimits import LIMITS, place
 
 from hdbench.model import CauseTerm, cause_parameters
 from hdbench.report import write_report
@@ -19,19 +20,6 @@ LINES = """[...document.querySelectorAll('.stacked td:nth-child(2):not(:last-chi
 const s = getComputedStyle(c), [top, low, line] = [s.paddingTop, s.paddingBottom, s.lineHeight]
 .map(parseFloat);
 return [(c.clientHeight - top - low) / line, c.innerText.split('\\n').length]; })"""
-
-
-def place(domain: str, second: str | None = None) -> dict[str, object]:
-    """Return a place without a name."""
-    return {
-        "domain": domain,
-        "second_domain": second,
-        "location": -124.691,
-        "extent": [-127.762, -60.8156],
-        "unit": "rad/s",
-        "size_nm": 0.1234,
-        "share_of_variance": 0.04,
-    }
 
 
 @pytest.fixture(scope="module")
@@ -57,21 +45,7 @@ def found(cause) -> dict[str, Any]:
             cause("ripple-harmonic", (0.12, 0.05), order=10.0),
         ],
         "unexplained": [place("velocity", "output-order")],
-        "left_out": [
-            {
-                "reason": "the acceleration is not resolved",
-                "samples": 19000,
-                "share": 19000 / 24841,
-            },
-            {"reason": "spikes", "samples": 289, "share": 0.01163},
-        ],
-        "rest": {"heldout_rms_nm": 0.119, "noise_rms_nm": 0.043, "told": [place("velocity")]},
-        "testable": [
-            {"name": "spikes", "testable": True, "because": ""},
-            {"name": "side-force", "testable": False, "because": "no load; needed: a load"},
-            {"name": "mains-hum", "testable": False, "because": "torque low-passed at 9 Hz; it"},
-            {"name": "tooth-mesh", "testable": False, "because": "torque low-passed at 9 Hz; the"},
-        ],
+        **LIMITS,
     }
 
 
@@ -103,11 +77,12 @@ def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once(found, cause):
 def test_names_that_the_record_cannot_show_fold_by_reason(found):
     table = tables(result(found))[-1]
     assert table.folded
-    assert table.title == "What this record can test: 1 of 4 names"
+    assert table.title == "What this record can test: 2 of 8 names"
     assert table.rows == (
-        ("yes", "spikes"),
-        ("no: torque low-passed at 9 Hz", "mains-hum, tooth-mesh"),
-        ("no: no load", "side-force"),
+        ("yes", "spikes, zero-step"),
+        ("no: the record has no load_torque_nm", "side-force, backlash, creep"),
+        ("no: torque low-passed at 10 Hz", "mains-hum, tooth-mesh"),
+        ("no: the record has no motor_current_a", "crosstalk"),
     )
 
 
