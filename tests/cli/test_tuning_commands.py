@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from runkit import ran
+from tuning_traces import needs_compiled_kernel
 
 from hdbench.filter import load_filter_model, preset
-from hdbench.filter.kalman import kernel_form
 from hdbench.profile import load_profile
 
 OU = ("--slow", "ornstein-uhlenbeck")
@@ -37,10 +37,7 @@ def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def tuned(trace: Path) -> tuple[Path, dict]:
-    try:
-        kernel_form("c")
-    except ValueError:
-        pytest.skip("the C kernel was not compiled here")
+    needs_compiled_kernel()
     out = trace.parent / "tuned.json"
     return out, json.loads(ran("tune", trace, "--out", out, *OU, "--json"))
 

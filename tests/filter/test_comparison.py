@@ -1,28 +1,20 @@
 """Filters side by side: what each takes, keeps and costs; the low-pass beside them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernel_models import THREE_ORDERS, filter_model
+from kernel_models import THREE_ORDERS
 from numpy.testing import assert_allclose
-from tuning_traces import channels, turning
+from tuning_traces import channels, tuned_like, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import SlowBlock, butterworth_lowpass, preset, transfer_at_steady_speed
 from hdbench.filter.comparison import compare_filters
 
-TUNED = filter_model(
-    THREE_ORDERS,
-    0.0025,
-    angle=True,
-    slow=(
-        SlowBlock("random-walk", noise_per_s=1e-3),
-        SlowBlock("resonance", variance=2.0, time_constant_s=0.3, frequency_hz=1.5),
-    ),
-    order_prior_std_nm=4.0,
-    slow_prior_std_nm=40.0,
-)
+SWAY = SlowBlock("resonance", variance=2.0, time_constant_s=0.3, frequency_hz=1.5)
+TUNED = replace(tuned_like(), blocks=THREE_ORDERS, slow=(tuned_like().slow[0], SWAY))
 
 
 def made():
