@@ -15,7 +15,7 @@ import pytest
 import swinging_shaft as swinging
 
 from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
-from hdbench.batch.workers import _run
+from hdbench.batch.workers import _mend, _run
 from hdbench.errors import BusyError, UsageError
 from hdbench.records import write_trace
 from hdbench_cli.commands.batch_task import run_one
@@ -146,8 +146,26 @@ class _Future:
         pass
 
 
+def test_a_worker_that_died_while_it_started_is_replaced():
+    running, failed = (
+        SimpleNamespace(status=SimpleNamespace(name=n)) for n in ("running", "failed")
+    )
+    asked = []
+    loop = SimpleNamespace(add_callback=lambda act: act())
+    cluster = SimpleNamespace(workers={0: running, 1: failed}, scale=asked.append, loop=loop)
+    _mend(cluster, 2)
+    assert (cluster.workers, asked) == ({0: running}, [2])
+
+
 def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_mended():
     future, asked = _Future(), []
+    waits = iter([TimeoutError])
+
+    def wait(held: list[_Future], **_words: object) -> SimpleNamespace:
+        for error in waits:
+            raise error
+        return SimpleNamespace(done=held)
+
     client = SimpleNamespace(
         status="running",
         submit=lambda *_args, **_words: future,
@@ -155,7 +173,7 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
     )
     library = SimpleNamespace(
         KilledWorker=distributed.KilledWorker,
-        wait=lambda held, **_words: SimpleNamespace(done=held),
+        wait=wait,
     )
     there = Workers(scheduler="tcp://there:8786")
     outcomes = list(_run(library, client, len, iter(["task"]), there))

@@ -64,10 +64,11 @@ def test_a_hidden_order_is_one_json_object_with_the_contracts_keys(hidden):
     assert cause["parameters"]["order"]["value"] == pytest.approx(5.5, abs=1e-3)
 
 
-def test_the_extended_model_continues_and_leaves_nothing_to_find(hidden, diagnosed):
+def test_the_extended_model_continues_and_leaves_nothing_to_find(hidden, hdbench, tmp_path):
     folder, body = hidden
     assert Path(body["run_folder"], "model.json").samefile(body["model_file"])
-    diagnosed("--check", "--model", body["model_file"], folder / "trace.csv")
+    words = ("--check", "--model", body["model_file"], "--out", tmp_path)
+    assert "Nothing found: the simulation" in hdbench("diagnose", *words, folder / "trace.csv")[0]
 
 
 def test_a_failed_check_comes_before_doubtful_data(tmp_path, diagnosed):
