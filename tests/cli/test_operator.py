@@ -20,22 +20,20 @@ def ask(call, answer: str) -> tuple[bool, str]:
 
 
 @pytest.mark.parametrize(("answer", "meant"), [("\n", True), ("y\n", True), ("n\n", False)])
-def test_a_weight_is_named_with_its_side_and_the_torque_to_expect(answer, meant):
-    operator = ConsoleOperator()
-    told, text = ask(
-        lambda: operator.hang(2.0, direction="ccw", expected_nm=-9.81, step="p1 2 of 9"), answer
-    )
+@pytest.mark.parametrize(
+    ("mass_kg", "expected_nm", "asked"),
+    [
+        (2.0, -9.81, "hang 2 kg on the ccw side (expect -9.81 N m)"),
+        (0.0, 0.0, "take all weights off"),
+    ],
+)
+def test_a_weight_is_named_with_its_side_and_the_torque_to_expect(
+    mass_kg, expected_nm, asked, answer, meant
+):
+    weight = {"direction": "ccw", "expected_nm": expected_nm, "step": "p1 2 of 9"}
+    told, text = ask(lambda: ConsoleOperator().hang(mass_kg, **weight), answer)
     assert told is meant
-    assert "hang 2 kg on the ccw side (expect -9.81 N m)" in text
-
-
-def test_no_weight_means_take_it_off():
-    operator = ConsoleOperator()
-    told, text = ask(
-        lambda: operator.hang(0.0, direction="cw", expected_nm=0.0, step="p1 1 of 9"), "\n"
-    )
-    assert told
-    assert "take all weights off" in text
+    assert asked in text
 
 
 def test_confirmed_motion_is_not_asked_for_again_but_the_lock_is():

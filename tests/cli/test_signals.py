@@ -77,10 +77,15 @@ def manifest(out: Path) -> dict[str, object]:
     return json.loads(path.read_text())
 
 
-def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(served, tmp_path):
+@pytest.mark.parametrize(
+    ("command", "written", "kept"),
+    # the motor turns; mounting, the bridge at rest and two readings
+    [("run-ripple", 20_000, "trace.csv"), ("calibrate", 4_000, "loads.csv")],
+)
+def test_a_signal_stops_the_motor_and_keeps_the_run(served, tmp_path, command, written, kept):
     out = tmp_path / "runs"
-    process = start(served, out)
-    wait_for(lambda: journal_size(out) > 20_000)
+    process = start(served, out, command)
+    wait_for(lambda: journal_size(out) > written, 120.0)
     process.send_signal(signal.SIGTERM)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 143, stderr
@@ -88,7 +93,7 @@ def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(served, tmp_p
     run = manifest(out)
     assert run["status"] == "incomplete"
     assert "motor reference zero confirmed" in str(run["exit_reason"])
-    assert "trace.csv" in run["files"]
+    assert kept in run["files"]
 
 
 @pytest.mark.parametrize(
@@ -105,19 +110,6 @@ def test_a_signal_in_any_phase_gives_no_traceback(served, tmp_path, delay_s):
     assert process.returncode == 130, stderr
     assert "Traceback" not in stderr
     assert manifest(out)["status"] == "incomplete"
-
-
-def test_a_signal_during_a_calibration_keeps_the_readings(served, tmp_path):
-    out = tmp_path / "runs"
-    process = start(served, out, "calibrate")
-    # mounting, the bridge at rest and two readings
-    wait_for(lambda: journal_size(out) > 4_000, 120.0)
-    process.send_signal(signal.SIGTERM)
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 143, stderr
-    run = manifest(out)
-    assert run["status"] == "incomplete"
-    assert "loads.csv" in run["files"]
 
 
 def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path, text):
