@@ -15,7 +15,7 @@ import pytest
 import swinging_shaft as swinging
 
 from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
-from hdbench.batch.workers import _mend, _run
+from hdbench.batch.workers import _run, _Seats
 from hdbench.errors import BusyError, UsageError
 from hdbench.records import write_trace
 from hdbench_cli.commands.batch_task import run_one
@@ -153,7 +153,8 @@ def test_a_worker_that_died_while_it_started_is_replaced():
     asked = []
     loop = SimpleNamespace(add_callback=lambda act: act())
     cluster = SimpleNamespace(workers={0: running, 1: failed}, scale=asked.append, loop=loop)
-    _mend(cluster, 2)
+    client = SimpleNamespace(cluster=cluster, nthreads=lambda: {"running": 1})
+    assert _Seats(client, Workers(count=2)).count() == 1
     assert (cluster.workers, asked) == ({0: running}, [2])
 
 

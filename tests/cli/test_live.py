@@ -1,9 +1,11 @@
 """The live view shows what the frames say, fits the screen, and never holds up a run."""
 
 import io
+import itertools
 import math
 import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -146,6 +148,17 @@ def test_a_view_whose_screen_hangs_takes_no_time_of_the_run(tmp_path, monkeypatc
     view.stop()
     assert not waits
     assert [f.rows for f in view.queue] == [100 * k + 10 for k in range(936, 1000)]
+
+
+def test_without_a_terminal_a_line_is_told_every_few_seconds(tmp_path, capsys):
+    clock = itertools.count(0.0, 6.0).__next__
+    view = LiveView("ripple", PROFILE, tmp_path, pretty=False, clock=clock)
+    ends = iter([False, True])
+    view._stop = SimpleNamespace(wait=lambda _seconds: next(ends))
+    view.frame(frame(lost=7))
+    view._run()
+    told = capsys.readouterr().err
+    assert told.startswith("ripple: 0 of 10 s; 100 samples, 7 lost, 0 saturated, 0 retries; ")
 
 
 def test_space_left_is_told_for_a_folder_that_is_not_there_yet(tmp_path):
