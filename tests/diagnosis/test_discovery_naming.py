@@ -5,14 +5,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from discovery_records import NOISE_NM, fitted, swinging
+from discovery_records import NOISE_NM, PROFILE, fitted, swinging
+from swinging_shaft import reversing
 
 from hdbench.diagnosis.discovery import form, naming, refine
+from hdbench.diagnosis.discovery.baseline import parse_baseline
 from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_rows
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
 from hdbench.diagnosis.discovery.joint import (
+    all_possible,
+    best_joined,
     impossible_parts,
     is_within,
     joined,
@@ -24,11 +28,12 @@ from hdbench.diagnosis.discovery.joint import (
 )
 from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.naming import _is_plain, _named, _same_space
+from hdbench.diagnosis.discovery.record import prepare_record
 from hdbench.diagnosis.discovery.search import Search, _turn
 from hdbench.diagnosis.discovery.tables import table_causes
 from hdbench.diagnosis.discovery.term import Term, term_columns
 from hdbench.diagnosis.discovery.told import _spoils, distinct, predicting_delay
-from hdbench.model import catalogue
+from hdbench.model import BenchModel, catalogue
 from hdbench.results.diagnosis import Unexplained
 
 
@@ -256,6 +261,23 @@ def test_a_cause_spoils_a_prediction_only_where_the_pieces_agree(saved, spoils):
     whole = Prediction(np.full(len(saved), 50.0), counts, 1.0)
     without = Prediction(50.0 + np.array(saved), counts, 1.0)
     assert _spoils(whole, without) is spoils
+
+
+def test_a_play_goes_to_no_size_of_which_it_would_say_a_tenth():
+    def held(_angle, _speed, load):
+        return -0.12 * np.clip(load, -0.5, 0.5)
+
+    trace = reversing(held)
+    model = BenchModel.from_profile(PROFILE.data)
+    masked = np.zeros(len(trace.columns["time_s"]), dtype=bool)
+    fit = fitted(prepare_record(trace, PROFILE.data, model, masked, parse_baseline(())))
+    attach_forms(fit)
+    play = Term(catalogue()["backlash"], {"play_nm": 0.1})
+    # a play of 0.1 N m holds 1.7 times as much, which other causes may take from it
+    assert reshaped(joined(fit, (play,)), [len(fit.parts)]).term(len(fit.parts)).shape != play.shape
+    new, terms = best_joined(fit, (play,))
+    assert terms == (play,)
+    assert all_possible(new, 1)
 
 
 # what may be zero is no cause: a form error alone explains the torque then

@@ -82,14 +82,17 @@ def joined(fit: Fit, terms: Sequence[Term], *, hidden: bool = False) -> Fit:
 def best_joined(
     fit: Fit, terms: tuple[Term, ...], *, hidden: bool = False
 ) -> tuple[Fit, tuple[Term, ...]]:
-    """Return a fit with further terms, their form errors and their shapes refined in it."""
+    """Return a fit with further terms, their form errors and their shapes refined in it.
+
+    A shape at which a term cannot be is none: a play that says a tenth of what it holds.
+    """
     new = joined(fit, terms, hidden=hidden)
     places = list(range(len(new.parts) - len(terms), len(new.parts)))
-    formed = best_formed(new, len(terms))
-    moved = reshaped(formed, places)
-    if moved is not formed:
-        moved = best_formed(moved, len(terms))
-    return moved, tuple(moved.term(place) for place in places)
+    best = best_formed(new, len(terms))
+    moved = reshaped(best, places)
+    if moved is not best and all_possible(moved, len(terms)):
+        best = best_formed(moved, len(terms))
+    return best, tuple(best.term(place) for place in places)
 
 
 def reshaped(fit: Fit, parts: Sequence[int]) -> Fit:
