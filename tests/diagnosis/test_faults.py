@@ -68,6 +68,28 @@ def test_samples_lost_behind_even_stamps_are_told_from_a_slip_by_the_torque(samp
     assert gap == pytest.approx((samples + 1) * 1e-3)
 
 
+@pytest.mark.parametrize("first", [6560, 6600])
+def test_a_jump_beside_a_standstill_may_be_a_loss_or_a_slip(first):
+    # the speed comes down to zero at 6.75 s: 20 samples turn by as little as a slip, or 15, or 800
+    time = np.arange(10_020) * 1e-3
+    speed, angle, torque = swing(time, 40.0, 40.0)
+    noise = np.random.default_rng(5).standard_normal((2, len(time)))
+    kept = np.r_[0:first, first + 20 : 10_020]
+    columns = {
+        "time_s": time[:10_000],
+        "motor_angle_rad": angle[kept],
+        "motor_velocity_rad_s": (speed + 0.02 * noise[0])[kept],
+        "torque_nm": (torque + 0.05 * noise[1])[kept],
+    }
+    (fault,) = inspected(columns).faults
+    assert "missed-samples" in {fault.name, *fault.group}
+    if first == 6560:
+        # of the numbers that turn by as much, one near the least
+        assert 10.0 < value(fault, "samples") < 40.0
+    else:
+        assert fault.name == "encoder-slip"
+
+
 def test_ripple_of_the_tacho_is_measured_and_taken_out():
     found = inspected(bench(tacho=0.01))
     (fault,) = found.faults

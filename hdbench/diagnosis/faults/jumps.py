@@ -70,15 +70,17 @@ def _judged(
     # tells names apart, its own scatter is small beside that
     agrees = RIVAL_NATS if able > 6.0 * RIVAL_NATS else -RIVAL_NATS
     needed = agrees if independent else ACCEPT_NATS
-    samples, std, near = _lost_samples(jump, shaft)
+    samples, std, fits, near = _lost_samples(jump, shaft)
     # what a sample too many turns by is no slip until the torque says so
     needed = ACCEPT_NATS if near and samples < 0 else needed
     jump = replace(jump, samples=max(0, samples), samples_std=std)
     if nats > needed:
-        # a whole number of samples' turning, and the torque hardly tells
-        if near and samples > 0 and nats < max(ACCEPT_NATS, 0.5 * able):
+        # a whole number of samples' turning, and the torque hardly tells; beside a standstill any
+        # number may have turned so
+        unsure = fits and samples > 0 and nats < max(ACCEPT_NATS, 0.5 * able)
+        if unsure and near:
             return replace(jump, name="missed-samples", group=("encoder-slip",))
-        return replace(jump, name="encoder-slip")
+        return replace(jump, name="encoder-slip", group=("missed-samples",) if unsure else ())
     if samples > 0 and -nats > needed and (near or (independent and nats < -RIVAL_NATS)):
         return replace(jump, name="missed-samples")
     return jump
@@ -92,7 +94,8 @@ def _fault(jump: Jump, shaft: Shaft) -> Fault:
     parameters = {"step_time_s": ParameterValue(place, None, "s")}
     if jump.name == "encoder-slip":
         shape = {"slip_rad": jump.angle_rad, "step_time_s": place}
-        return fault_over(jump.name, parameters | slip, time[jump.first :], nats, shape=shape)
+        fault = fault_over(jump.name, parameters | slip, time[jump.first :], nats, shape=shape)
+        return replace(fault, group=jump.group)
     missed = jump.samples * shaft.period_s
     parameters |= slip if jump.group else {}
     parameters["samples"] = ParameterValue(jump.samples, jump.samples_std, "1")
@@ -152,8 +155,8 @@ def _torque_nats(
     return (count - 2) * float(np.sum(np.log(as_is / back))), (count - 2) * float(able.sum())
 
 
-def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
-    """Return how many lost samples turn by a jump, how well that is known, and if it fits.
+def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool, bool]:
+    """Return how many lost samples turn by a jump, how well that is known, if it fits and is sure.
 
     Fewer than none: the stamps count more samples than there was time for.
     """
@@ -168,15 +171,24 @@ def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
     # the cubic that has speed and acceleration of both sides; half of its bend is not known
     bends = -shaft.period_s * (gone + gained) * number**2 / 12.0
     turned = 0.5 * shaft.period_s * (before + after) * number + bends
+    bends = 0.5 * np.abs(bends)
     away = np.abs(jump.angle_rad - turned)
+    fitting = (away < 4.0 * jump.std_rad + 0.5 * shaft.count_rad + bends) & (
+        turned * jump.angle_rad > 0.0
+    )
     best = int(np.argmin(away))
-    samples, bend = int(number[best]), 0.5 * abs(float(bends[best]))
-    one = abs(float(turned[best]) / samples)
+    if fitting.any():
+        # beside a standstill very different numbers fit: the fewest are the likeliest
+        least = int(np.abs(number[fitting]).min())
+        best = int(np.argmin(np.where(fitting & (np.abs(number) <= 2 * least), away, np.inf)))
+    samples = int(number[best])
     if not turned[best] * jump.angle_rad > 0.0:
-        return 0, 0.0, False
-    near = away[best] < 4.0 * jump.std_rad + 0.5 * shaft.count_rad + bend
-    std = min((bend + float(away[best])) / one, float(abs(samples)))
-    return samples, std, bool(near and std < max(1.0, 0.1 * (abs(samples) - 1)))
+        return 0, 0.0, False, False
+    one = abs(float(turned[best]) / samples)
+    std = min(float(bends[best] + away[best]) / one, float(abs(samples)))
+    allowed = max(1.0, 0.1 * (abs(samples) - 1))
+    alone = bool(np.all(np.abs(number[fitting] - samples) <= 2.0 * allowed))
+    return samples, std, bool(fitting[best]), bool(fitting[best] and alone and std < allowed)
 
 
 def _found(shaft: Shaft) -> list[Jump]:
