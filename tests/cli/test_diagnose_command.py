@@ -68,7 +68,8 @@ def test_the_extended_model_continues_and_leaves_nothing_to_find(hidden, hdbench
     folder, body = hidden
     assert Path(body["run_folder"], "model.json").samefile(body["model_file"])
     words = ("--check", "--model", body["model_file"], "--out", tmp_path)
-    assert "Nothing found: what the simulation leaves" in hdbench("diagnose", *words, folder / "trace.csv")[0]
+    said = hdbench("diagnose", *words, folder / "trace.csv")[0]
+    assert "Nothing found: what the simulation leaves looks like noise." in said
 
 
 def test_a_failed_check_comes_before_doubtful_data(tmp_path, diagnosed):
