@@ -148,8 +148,7 @@ class Transactor:
 
     def _ask(self, build: Build, until_s: float, *, is_read: bool) -> bytes:
         """Make one try."""
-        pdu, check = build()
-        return self._link.transact(pdu, check, until_s)
+        return self._send(*build(), until_s)
 
     def _send(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         """Send one request."""

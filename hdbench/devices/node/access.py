@@ -168,7 +168,7 @@ class NodeAccess(Transactor):
             self._heartbeat = self._heartbeat % 0xFFFF + 1
             return window.build(ack, self._heartbeat)
 
-        return self.transact(build, reg.BLOCK[0].name, TWICE)[2:]
+        return self._repeat(build, reg.BLOCK[0].name)
 
     def feed(self) -> None:
         """Write a changed heartbeat, outside of the block exchange."""

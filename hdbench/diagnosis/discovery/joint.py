@@ -84,7 +84,7 @@ def best_joined(
 ) -> tuple[Fit, tuple[Term, ...]]:
     """Return a fit with further terms, their form errors and their shapes refined in it.
 
-    A shape at which a term cannot be is none: a play that says a tenth of what it holds.
+    A refined shape is kept only where the terms can have it (`all_possible`).
     """
     new = joined(fit, terms, hidden=hidden)
     places = list(range(len(new.parts) - len(terms), len(new.parts)))
@@ -213,28 +213,35 @@ def is_within(fit: Fit, part: int) -> bool:
     return fit.size_nm(part) <= _LARGEST * float(np.sqrt(np.mean(fit.measured**2)))
 
 
-def sized(fit: Fit) -> tuple[Fit, dict[int, int]]:
+def sized(fit: Fit) -> tuple[Fit, list[int]]:
     """Return the fit in which names have their sizes, and the place of each of its parts in `fit`.
 
     That is the one without tables where a table takes in a name.
     """
-    tables = fit.tables()
-    if not tables or not _unsized(fit) - set(tables):
-        return fit, {part: part for part in range(len(fit.parts))}
-    kept = [part for part in range(len(fit.parts)) if part not in tables]
-    return fit.without(*tables), dict(enumerate(kept))
+    view, places, _ = _sized(fit)
+    return view, places
 
 
 def impossible_parts(fit: Fit) -> set[int]:
     """Return the causes whose size beside all others is none that they can have."""
-    view, places = sized(fit)
-    return {places[part] for part in _unsized(view)} | _unsized(fit) & set(fit.tables())
+    view, places, unsized = _sized(fit)
+    if view is fit:
+        return unsized
+    return {places[part] for part in _unsized(view)} | unsized & set(fit.tables())
+
+
+def _sized(fit: Fit) -> tuple[Fit, list[int], set[int]]:
+    """Return what `sized` does, and the causes without a size in the whole fit."""
+    every, tables, unsized = list(range(len(fit.parts))), fit.tables(), _unsized(fit)
+    if not tables or not unsized - set(tables):
+        return fit, every, unsized
+    return fit.without(*tables), [part for part in every if part not in tables], unsized
 
 
 def _unsized(fit: Fit) -> set[int]:
     """Return the causes of a fit whose size is outside of its limits, may be zero, or is too large.
 
-    Of one that may be zero the form error alone explains what it is held for.
+    Where it may be zero, the form error alone explains the torque.
     """
     covariance = inverse(fit.information)
     std = np.sqrt(np.diag(covariance))

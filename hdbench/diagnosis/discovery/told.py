@@ -112,9 +112,8 @@ def tell(
     names = everything - set(fit.tables())
     with_names = held.predict(names)
     variance = mean_square(early, base)
-    sizes, places_in_fit = sized(fit)
+    sizes, sized_parts = sized(fit)
     matrices = covariances(sizes)
-    at = {whole: part for part, whole in places_in_fit.items()}
     causes: list[NamedCause] = []
     places: list[Unexplained] = []
     terms: list[CauseTerm] = [late_term(fit)] if fit.record.late_known else []
@@ -122,16 +121,17 @@ def tell(
     for index, part in enumerate(fit.parts):
         term = part.term
         if term is None:
-            # a ripple that is not as its form is is no cause
+            # a ripple of the baseline that departs from its form is told as a place, not as a cause
             if part.name.startswith("ripple:") and part.form_scale > 0.0:
                 places += form_places(search, index, variance)
             continue
         if not is_table(term.cause):
+            at = sized_parts.index(index)
             linear = tuple(
                 float(np.clip(x, p.lower, p.upper))
-                for x, p in zip(sizes.linear(at[index]), term.cause.linear, strict=True)
+                for x, p in zip(sizes.linear(at), term.cause.linear, strict=True)
             )
-            matrix = tuple(tuple(map(float, row)) for row in matrices[at[index]])
+            matrix = tuple(tuple(map(float, row)) for row in matrices[at])
             terms.append(CauseTerm(term.name, dict(term.shape), linear, matrix))
         if term.known:
             continue
