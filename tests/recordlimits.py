@@ -19,11 +19,7 @@ LIMITS = {
         {"reason": "the acceleration is not resolved", "samples": 19000, "share": 19000 / 24841},
         {"reason": "spikes", "samples": 289, "share": 289 / 24841},
     ],
-    "rest": {
-        "heldout_rms_nm": 0.119,
-        "noise_rms_nm": 0.043,
-        "told": [place("velocity")],
-    },
+    "rest": {"heldout_rms_nm": 0.119, "noise_rms_nm": 0.043, "told": [place("velocity")]},
     "testable": [
         {"name": name, "testable": not because, "because": because}
         for name, because in (

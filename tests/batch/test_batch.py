@@ -172,10 +172,7 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
         submit=lambda *_args, **_words: future,
         nthreads=lambda: asked.append(1) or {"worker": 1},
     )
-    library = SimpleNamespace(
-        KilledWorker=distributed.KilledWorker,
-        wait=wait,
-    )
+    library = SimpleNamespace(KilledWorker=distributed.KilledWorker, wait=wait)
     there = Workers(scheduler="tcp://there:8786")
     outcomes = list(_run(library, client, len, iter(["task"]), there))
     assert outcomes == [Outcome("task", 7)]

@@ -5,13 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hdbench.devices.bench import Identity, SafeState
-from hdbench.devices.daq import (
-    Capabilities,
-    InputInfo,
-    ScanBlock,
-    WatchdogInfo,
-    WatchdogState,
-)
+from hdbench.devices.daq import Capabilities, InputInfo, ScanBlock, WatchdogInfo, WatchdogState
 from hdbench.devices.feasibility import HostSettings
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile

@@ -94,8 +94,7 @@ def test_an_emulator_that_says_a_lot_is_not_held_up(monkeypatch):
 
 def test_why_an_emulator_did_not_start_is_the_last_it_said(monkeypatch):
     in_its_place(
-        monkeypatch,
-        "import sys; print('w' * 100_000, file=sys.stderr); sys.exit('no such luck')",
+        monkeypatch, "import sys; print('w' * 100_000, file=sys.stderr); sys.exit('no such luck')"
     )
     data = load_profile("cim-tr-97-06").data
     with (

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, quiet_profile
 
-from hdbench.devices.operator import (
-    Mistake,
-    Mistakes,
-    SimulatedOperator,
-    parse_mistakes,
-)
+from hdbench.devices.operator import Mistake, Mistakes, SimulatedOperator, parse_mistakes
 from hdbench.errors import UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.fixture import FREE_SWING_S, ArmLoad, shunt_volts

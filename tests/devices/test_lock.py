@@ -170,10 +170,7 @@ def test_two_benches_are_two():
 def test_a_bench_that_another_user_runs_is_busy():
     with socket.socket(socket.AF_UNIX) as theirs:
         theirs.bind("\0hdbench:192.0.2.7:502")
-        with (
-            pytest.raises(BusyError, match="another user"),
-            exclusive("tcp://192.0.2.7:502"),
-        ):
+        with pytest.raises(BusyError, match="another user"), exclusive("tcp://192.0.2.7:502"):
             pass
 
 

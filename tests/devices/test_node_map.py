@@ -91,8 +91,7 @@ def test_every_read_only_register_refuses_a_write_with_exception_2():
 def test_any_bytes_as_a_request_get_an_answer_and_never_start_the_motor():
     @settings(max_examples=400, deadline=None)
     @given(
-        function=st.sampled_from([3, 6, 16, 23]) | st.integers(0, 127),
-        rest=st.binary(max_size=60),
+        function=st.sampled_from([3, 6, 16, 23]) | st.integers(0, 127), rest=st.binary(max_size=60)
     )
     def check(function, rest):
         core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=Clock())

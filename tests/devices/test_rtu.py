@@ -399,10 +399,7 @@ def test_any_bytes_have_a_length_or_are_no_reply(data):
 def test_the_paced_line_takes_the_time_of_its_characters_and_silences():
     line = SerialSettings(baud_bd=19200)
     sent, received = 8, 5 + 2 * 50
-    with (
-        _Slave(_answer) as slave,
-        paced_line(slave.path, line) as path,
-    ):
+    with _Slave(_answer) as slave, paced_line(slave.path, line) as path:
         # the slave's own terminal is the device's side; it answers at once
         link = connect(parse_address(f"rtu://{path}", line))
         pdu, check = read_registers(7, 50)

@@ -216,10 +216,7 @@ def test_nobody_listening_is_a_device_error_at_once():
 
 @pytest.mark.parametrize("group", [IDENTITY, STATUS, (*FEED, register("state"))])
 def test_only_registers_of_the_allow_list_can_be_written(group):
-    with (
-        _talking(_silent, 0.2) as (wire, frames),
-        pytest.raises(ValueError, match="not writable"),
-    ):
+    with _talking(_silent, 0.2) as (wire, frames), pytest.raises(ValueError, match="not writable"):
         wire.write_once(group, bytes(2 * sum(entry.size for entry in group)))
     assert not frames
 

@@ -8,12 +8,7 @@ from discovery_records import fitted, swinging
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hdbench.diagnosis.discovery.moments import (
-    Moments,
-    packed,
-    quick_likelihood,
-    solve,
-)
+from hdbench.diagnosis.discovery.moments import Moments, packed, quick_likelihood, solve
 from hdbench.diagnosis.discovery.refine import log_evidence
 from hdbench.diagnosis.discovery.spectrum import Spectrum, make_shapes
 

@@ -132,12 +132,7 @@ def test_a_shunt_by_the_channel_reaches_the_bridge(name):
         assert abs(torque_v(bench) - before) > 0.5
 
 
-NO_HAND = [
-    {"position_rad": float("nan")},
-    {"mass_kg": -1.0},
-    {"direction": 2},
-    {"locked": 7},
-]
+NO_HAND = [{"position_rad": float("nan")}, {"mass_kg": -1.0}, {"direction": 2}, {"locked": 7}]
 NO_ORDER = [b"\n", b"{\n", b"[1]\n", b'{"fixture": {}}\n', b'{"x": 1}\n', b"[" * 60000 + b"\n"]
 NO_CHANNEL = [b"", b"hello\r\n", b"[1]\n", b"1" * 5000 + b"\n", b"[" * 4000 + b"\n"]
 

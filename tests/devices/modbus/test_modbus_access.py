@@ -51,8 +51,7 @@ class Line:
 
 @pytest.mark.parametrize("numbered", [True, False])
 @pytest.mark.parametrize(
-    "script",
-    [(), ("broken",), (6,) * 50, (6, 6, 6), ("broken", 6), (5, "broken")],
+    "script", [(), ("broken",), (6,) * 50, (6, 6, 6), ("broken", 6), (5, "broken")]
 )
 def test_a_call_that_fails_ends_at_its_deadline(numbered, script):
     line = Line(*script)

@@ -72,10 +72,5 @@ def test_an_extended_model_is_refused_by_the_emulator(tmp_path):
     save_model(file, BenchModel.from_profile(T7.data), profile=T7, provenance={})
     with pytest.raises(UsageError, match="written by its host"):
         emulate(
-            T7.data,
-            "as-modelled",
-            0,
-            EmulatorSettings(),
-            ready=lambda _: None,
-            model_file=file,
+            T7.data, "as-modelled", 0, EmulatorSettings(), ready=lambda _: None, model_file=file
         )

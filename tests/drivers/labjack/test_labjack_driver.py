@@ -348,10 +348,7 @@ def test_only_registers_of_the_driver_are_ever_written():
 
 
 def test_a_t4_measures_the_same_bench_with_its_twelve_bits():
-    changes = {
-        "model": "T4",
-        "output": LabJackOutput(output="TDAC6", limit_v=8.0, enable_line=8),
-    }
+    changes = {"model": "T4", "output": LabJackOutput(output="TDAC6", limit_v=8.0, enable_line=8)}
     table = PROFILE.daq.model_copy(update=changes)
     with served(speed=4.0, table=table) as device, driver(device.port, **changes) as daq:
         assert daq.identity().model == "T4"

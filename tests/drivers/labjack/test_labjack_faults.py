@@ -146,10 +146,7 @@ def _be_away(device, until) -> None:
 
 @pytest.mark.parametrize("count_joint", [False, True])
 def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
-    with (
-        served(speed=10.0) as device,
-        driver(device.port, auto_recover=True) as daq,
-    ):
+    with served(speed=10.0) as device, driver(device.port, auto_recover=True) as daq:
         device.device.stream.count_joint = count_joint
         daq.claim()
         daq.configure(settings(4000))
