@@ -121,6 +121,7 @@ def test_a_sagging_arm_beside_a_loop_stays_a_cause_of_its_own():
     assert len(names) == 2
 
 
+@pytest.mark.campaign
 def test_friction_of_one_width_is_one_cause():
     def signal(torque, down):
         inside = (np.abs(torque) > 0.0) & (np.abs(torque) < TOP)

@@ -118,6 +118,7 @@ def test_a_direction_stands_above_scattering_gains():
     assert 2e-4 < std < 1e-3
 
 
+@pytest.mark.campaign
 def test_the_parameters_of_a_cubic_have_true_intervals():
     deviations = []
     for seed in range(6):

@@ -34,6 +34,7 @@ def test_a_table_holds_functions_over_fewer_knots(period):
         assert np.allclose(level[owners], np.eye(level.shape[1]), atol=1e-12)
 
 
+@pytest.mark.campaign
 def test_a_function_of_the_speed_that_is_no_law_has_no_name():
     bend = reversing(lambda _a, w, _x: 0.004 * np.sqrt(np.abs(np.abs(w) - 35.0)), n=12_000)
     found = diagnose_trace(bend, PROFILE)
@@ -48,6 +49,7 @@ def test_a_line_that_is_explained_already_is_no_table(monkeypatch):
     assert modulated_looks(fit, fit.beside(), plan_scans(fit.record)) == []
 
 
+@pytest.mark.campaign
 def test_a_line_that_follows_the_load_is_told_with_it():
     wave = reversing(lambda a, _w, x: 0.03 * (1.0 + 0.06 * x) * np.cos(3.3 * a + 0.7), n=12_000)
     found = diagnose_trace(wave, PROFILE)
@@ -61,7 +63,13 @@ def test_a_line_that_follows_the_load_is_told_with_it():
     [
         # an amplitude that swings in time is no ripple, though a line holds two thirds of it
         (lambda t, _, a: (1 + 1.5 * np.cos(0.4 * t)) * np.cos(9.7 * a), "motor-order", "time", 9.7),
-        (lambda _, w, a: (w / 60 - 5) * np.cos(0.057 * a), "output-order", "velocity", 5.7),
+        pytest.param(
+            lambda _, w, a: (w / 60 - 5) * np.cos(0.057 * a),
+            "output-order",
+            "velocity",
+            5.7,
+            marks=pytest.mark.campaign,
+        ),
     ],
 )
 def test_a_line_whose_size_follows_another_axis_is_told_with_both(torque, domain, second, place):
