@@ -26,8 +26,24 @@ def line(_time, angle, _speed):
 
 
 @pytest.fixture(scope="module")
-def found():
-    return diagnose_trace(record(line), PROFILE)
+def steps():
+    return []
+
+
+@pytest.fixture(scope="module")
+def found(steps):
+    def seen(what, share):
+        steps.append((what, share))
+
+    return diagnose_trace(record(line), PROFILE, progress=seen)
+
+
+@pytest.mark.usefixtures("found")
+def test_progress_rises_to_one_and_names_the_step(steps):
+    shares = [share for _, share in steps]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert len({what for what, _ in steps}) >= 6
 
 
 def test_gain_is_what_the_hidden_amplitude_makes_of_the_noise(found):
@@ -41,15 +57,15 @@ def test_gain_is_what_the_hidden_amplitude_makes_of_the_noise(found):
     assert low < cause.gain.explained_fraction < high
 
 
-def test_minimum_detectable_amplitude_is_indeed_found():
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.campaign)])
+def test_minimum_detectable_amplitude_is_indeed_found(seed):
     clean = diagnose_trace(record(n=6000, seed=1), PROFILE)
     limit = {one.name: one.amplitude_nm for one in clean.minimum_detectable}["ripple-harmonic"]
-    for seed in range(2):
-        trace = record(lambda t, a, w: 1.4 * limit * np.cos(7.3 * a), n=6000, seed=seed)
-        result = diagnose_trace(trace, PROFILE, materiality=0.0, seed=seed)
-        orders = [c.parameters["order"].value for c in result.causes if "order" in c.parameters]
-        # 40 % above the 90 % limit, that is 2.5 sigma more: missed once in 7000
-        assert any(abs(order - 7.3) < 0.01 for order in orders)
+    trace = record(lambda t, a, w: 1.4 * limit * np.cos(7.3 * a), n=6000, seed=seed)
+    result = diagnose_trace(trace, PROFILE, materiality=0.0, seed=seed)
+    orders = [c.parameters["order"].value for c in result.causes if "order" in c.parameters]
+    # 40 % above the 90 % limit, that is 2.5 sigma more: missed once in 7000
+    assert any(abs(order - 7.3) < 0.01 for order in orders)
 
 
 def test_faults_are_flagged_masked_and_the_diagnosis_goes_on():
@@ -70,6 +86,7 @@ def test_faults_are_flagged_masked_and_the_diagnosis_goes_on():
     assert order.parameters["order"].value == pytest.approx(3.37, abs=1e-3)
 
 
+@pytest.mark.campaign
 def test_clipped_samples_are_flagged():
     trace = record(n=5000)
     clipped = np.minimum(trace["torque_nm"], 1.0)
@@ -192,19 +209,6 @@ def test_spikes_and_gaps_are_named_with_what_they_cost():
     gap = every(result)["missed-samples"]
     assert (gap.parameters["samples"].value, gap.share_of_variance) == (50.0, 0.0)
     assert {f.name: f.samples for f in result.data_flags} == {"spikes": 4, "missed-samples": 50}
-
-
-def test_progress_rises_to_one_and_names_the_step():
-    seen = []
-    diagnose_trace(
-        Trace(read_by_encoder(4000)),
-        PROFILE,
-        progress=lambda what, share: seen.append((what, share)),
-    )
-    shares = [share for _, share in seen]
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-    assert len({what for what, _ in seen}) >= 6
 
 
 # --- the part of a record that is diagnosed

@@ -29,16 +29,11 @@ def told(result):
     return {cause.name: cause for cause in (*result.causes, *result.minor)}
 
 
-@pytest.fixture(scope="module")
-def weak():
+def test_three_records_tell_together_what_none_tells_alone_and_each_how_much_it_speaks():
     # T = A^2 n / (2 noise^2) = 9, and 10 to 12 with this noise: below the 18 that 24 known orders
     # ask of one record
     traces = [run(5, 0.003, zero=0.2), run(9, 0.003, zero=-0.3), run(8, 0.003, rate_hz=800.0)]
-    return traces, diagnose_together(traces, NAMES, PROFILE, materiality=0.0)
-
-
-def test_three_records_tell_together_what_none_tells_alone(weak):
-    traces, together = weak
+    together = diagnose_together(traces, NAMES, PROFILE, materiality=0.0)
     for trace in traces:
         assert diagnose_trace(trace, PROFILE, materiality=0.0).causes == ()
     (cause,) = together.causes
@@ -50,10 +45,6 @@ def test_three_records_tell_together_what_none_tells_alone(weak):
     # the mean of three: noise sqrt(2 / n) of all
     assert size.std == pytest.approx(NOISE_NM * np.sqrt(2.0 / 15000), rel=0.1)
     assert cause.false_alarm_probability < 0.01
-
-
-def test_each_record_says_how_much_it_speaks_for_a_cause(weak):
-    (cause,) = weak[1].causes
     assert [voice.record for voice in cause.voices] == list(NAMES)
     # 6 nats each on average, with a standard deviation of sqrt(12)
     assert all(voice.evidence_nats < 6.0 + 4.0 * np.sqrt(12.0) for voice in cause.voices)
@@ -62,13 +53,21 @@ def test_each_record_says_how_much_it_speaks_for_a_cause(weak):
     for voice in cause.voices:
         own = voice.parameters["amplitude_nm"]
         assert own.std == pytest.approx(NOISE_NM * np.sqrt(2.0 / 5000), rel=0.15)
-    assert [part.rate_hz for part in weak[1].records] == pytest.approx([1000.0, 1000.0, 800.0])
-    assert weak[1].settings["angle_zero"] == "shared"
+    assert [part.rate_hz for part in together.records] == pytest.approx([1000.0, 1000.0, 800.0])
+    assert together.settings["angle_zero"] == "shared"
 
 
-def test_records_that_disagree_are_named_with_their_own_sizes():
-    traces = [run(1, 0.05), run(2, 0.05), run(3, 0.10)]
-    result = diagnose_together(traces, NAMES, PROFILE)
+def stuck(trace):
+    return trace.with_columns(torque_nm=np.full(len(trace), 0.25))
+
+
+def test_records_that_disagree_are_named_with_their_sizes_and_a_bad_one_is_left_out():
+    traces = [run(1, 0.05), run(2, 0.05), run(3, 0.10), stuck(run(4))]
+    result = diagnose_together(traces, (*NAMES, "D"), PROFILE)
+    assert [part.record for part in result.records if part.left_out] == ["D"]
+    (flag,) = (flag for flag in result.data_flags if flag.name == "record-left-out")
+    assert (flag.record, flag.samples) == ("D", 5000)
+    assert "0.25 N m throughout" in flag.detail
     assert [part.record for part in result.records if part.disagrees] == ["C"]
     cause = told(result)["ripple-harmonic"]
     assert [voice.record for voice in cause.voices if voice.disagrees] == ["C"]
@@ -85,21 +84,6 @@ def test_a_record_of_another_drive_is_told_by_what_it_disagrees_about():
     apart = {part.record: set(part.disagrees) for part in result.records}
     assert apart["A"] == apart["B"] == set()
     assert {"ripple-harmonic", "coulomb-friction"} <= apart["C"]
-
-
-def stuck(trace):
-    return trace.with_columns(torque_nm=np.full(len(trace), 0.25))
-
-
-def test_a_bad_record_is_left_out_with_a_mark():
-    traces = [run(1, 0.05), run(2, 0.05), stuck(run(3))]
-    result = diagnose_together(traces, NAMES, PROFILE)
-    (cause,) = told(result).values()
-    assert "ripple-harmonic" in (cause.name, *cause.group, *cause.rivals)
-    assert [part.record for part in result.records if part.left_out] == ["C"]
-    (flag,) = (flag for flag in result.data_flags if flag.name == "record-left-out")
-    assert (flag.record, flag.samples) == ("C", 5000)
-    assert "0.25 N m throughout" in flag.detail
 
 
 def test_one_good_record_is_not_together():
