@@ -44,7 +44,7 @@ def test_clean_record_leaves_white_noise_of_the_stated_size(record):
 
 
 @pytest.mark.parametrize("name", ["coulomb-friction", "hysteresis", "saturation", "time-skew"])
-@pytest.mark.parametrize("noise", ["white", "ar"])
+@pytest.mark.parametrize("noise", [pytest.param("white", marks=pytest.mark.campaign), "ar"])
 def test_size_in_sigmas_is_what_a_matched_filter_measures(name, noise):
     made = build(Case("d", "B", "compact", noise, seed=8, hidden=(Hidden(name, "d20"),)))
     truth, scene = made.truth["hidden"][0], made.scene
