@@ -18,6 +18,8 @@ from hdbench.filter.firmware import export_firmware
 from hdbench.filter.model import FilterModel
 
 PERIOD = 1e-3
+# two states, and one that turns
+FEW_KINDS = ("integrated-random-walk", "resonance")
 needs_compiler = pytest.mark.skipif(
     shutil.which("cc") is None or shutil.which("make") is None, reason="cc or make is not here"
 )
@@ -85,7 +87,13 @@ def test_a_preset_builds_without_a_warning_and_passes_its_self_test(bench, tmp_p
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=pytest.mark.campaign) if kind not in FEW_KINDS else kind
+        for kind in KINDS
+    ],
+)
 def test_a_tuned_model_passes_in_float_and_in_double(bench, tmp_path, kind):
     folder = exported(tuned(bench, kind), tmp_path)
     assert "PASSED" in make(folder)

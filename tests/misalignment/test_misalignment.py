@@ -90,15 +90,16 @@ def test_output_order_2_and_a_tone_are_told_apart_from_it():
     assert [round(line.frequency_hz, 1) for line in found.tones] == [50.0]
 
 
-def test_intervals_cover_the_truth_with_a_gain_of_three_dof():
-    velocity, n_runs, hits = both_ways_velocity(speed_rad_s=FAST), 24, np.zeros(2)
+@pytest.mark.parametrize("n_runs", [12, pytest.param(24, marks=pytest.mark.campaign)])
+def test_intervals_cover_the_truth_with_a_gain_of_three_dof(n_runs):
+    velocity, hits = both_ways_velocity(speed_rad_s=FAST), np.zeros(2)
     for true_gain, gain, trace in drawn_runs(velocity, n_runs):
         found = evaluate_misalignment(trace, BENCH, scale=gain, filter_model=FILTER)
         hits += [
             covers(found.amplitude_nm, 0.9 * true_gain / 6.6, 0.95),
             covers(found.phase_rad, 0.3, 0.95),
         ]
-    # two counts, each at least binomial(24, 0.95); false alarm 2 x 5e-4 = 1e-3
+    # two counts, each at least binomial(n_runs, 0.95); false alarm 2 x 5e-4 = 1e-3
     assert np.all(hits >= binom.ppf(5e-4, n_runs, 0.95)), hits
 
 

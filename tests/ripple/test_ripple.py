@@ -5,15 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from known_traces import (
-    Truth,
-    bench,
-    covers,
-    drawn_runs,
-    known_trace,
-    reversing_velocity,
-    scale,
-)
+from known_traces import Truth, bench, covers, drawn_runs, known_trace, reversing_velocity, scale
 from publicdata import DATA, needs_data
 from scipy.stats import binom
 
@@ -55,15 +47,16 @@ def test_amplitudes_and_phases_are_found_through_reversals(colour, reversals):
     assert (*found.lines, *found.tones) == ()
 
 
-def test_intervals_cover_the_truth_with_a_gain_of_three_dof():
-    velocity, n_runs, hits = reversing_velocity(3.0), 24, np.zeros(4)
+@pytest.mark.parametrize("n_runs", [12, pytest.param(24, marks=pytest.mark.campaign)])
+def test_intervals_cover_the_truth_with_a_gain_of_three_dof(n_runs):
+    velocity, hits = reversing_velocity(3.0), np.zeros(4)
     for true_gain, gain, trace in drawn_runs(velocity, n_runs):
         found = evaluate_ripple(trace, BENCH, scale=gain, filter_model=FILTER)
         truth = (0.4 * true_gain / 6.6, 0.2 * true_gain / 6.6, 0.6, -1.1)
         two, four = found.ripple
         numbers = (two.amplitude_nm, four.amplitude_nm, two.phase_rad, four.phase_rad)
         hits += [covers(q, x, 0.95) for q, x in zip(numbers, truth, strict=True)]
-    # four counts, each at least binomial(24, 0.95); false alarm 4 x 2.5e-4 = 1e-3
+    # four counts, each at least binomial(n_runs, 0.95); false alarm 4 x 2.5e-4 = 1e-3
     assert np.all(hits >= binom.ppf(2.5e-4, n_runs, 0.95)), hits
 
 
