@@ -20,8 +20,6 @@ from hdbench.errors import BusyError, UsageError
 from hdbench.records import write_trace
 from hdbench_cli.commands.batch_task import run_one
 
-distributed = pytest.importorskip("distributed")
-dask = pytest.importorskip("dask")
 HDBENCH = [sys.executable, "-m", "hdbench_cli"]
 # elsewhere a fork may not use what is loaded
 METHOD = "forkserver" if sys.platform == "linux" else "spawn"
@@ -32,6 +30,7 @@ WARM = ["distributed", "hdbench.session", "hdbench_cli.commands.batch_task"]
 @pytest.fixture(autouse=True, scope="module")
 def _warm_workers() -> Iterator[None]:
     """Let workers that start here be forks of a process that has imported what they need."""
+    distributed, dask = (pytest.importorskip(name) for name in ("distributed", "dask"))
     with dask.config.set({"distributed.worker.multiprocessing-method": METHOD}):
         context = distributed.utils.get_mp_context()
         if METHOD == "forkserver":
@@ -62,8 +61,10 @@ def traces(tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """Yield the address of a scheduler whose one worker is a thread here: it imports nothing."""
+    from distributed import LocalCluster
+
     one = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "protocol": "tcp"}
-    with distributed.LocalCluster(**one, dashboard_address=":0") as cluster:
+    with LocalCluster(**one, dashboard_address=":0") as cluster:
         yield cluster.scheduler_address
 
 
@@ -130,9 +131,9 @@ def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path):
 class _Future:
     """A future whose worker dies twice after the task ended, before the value was fetched."""
 
-    def __init__(self) -> None:
+    def __init__(self, killed: Exception) -> None:
         self.seen = iter(["finished", "lost", "finished", "finished"])
-        self.fetched = iter([TimeoutError(), distributed.KilledWorker("", None, 0), 7])
+        self.fetched = iter([TimeoutError(), killed, 7])
 
     status = property(lambda self: next(self.seen))
 
@@ -159,7 +160,9 @@ def test_a_worker_that_died_while_it_started_is_replaced():
 
 
 def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_mended():
-    future, asked = _Future(), []
+    from distributed import KilledWorker
+
+    future, asked = _Future(KilledWorker("", None, 0)), []
     waits = iter([TimeoutError])
 
     def wait(held: list[_Future], **_words: object) -> SimpleNamespace:
@@ -172,7 +175,7 @@ def test_a_value_that_is_lost_with_its_worker_is_waited_for_while_workers_are_me
         submit=lambda *_args, **_words: future,
         nthreads=lambda: asked.append(1) or {"worker": 1},
     )
-    library = SimpleNamespace(KilledWorker=distributed.KilledWorker, wait=wait)
+    library = SimpleNamespace(KilledWorker=KilledWorker, wait=wait)
     there = Workers(scheduler="tcp://there:8786")
     outcomes = list(_run(library, client, len, iter(["task"]), there))
     assert outcomes == [Outcome("task", 7)]
