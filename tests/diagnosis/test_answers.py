@@ -165,6 +165,7 @@ SCENES = {
         [{"ripple-harmonic"}, {"structural-tone"}],
         {"order": (6.0, 1e-9), "frequency_hz": (37.3, 0.0)},
         never={"bearing-defect", "tooth-mesh"},
+        campaign=True,
     ),
     # a step of 2.4 sigma is placed within some (sigma / step)^2 samples
     "a step": Scene(

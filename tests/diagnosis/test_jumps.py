@@ -44,7 +44,8 @@ def stepped(seed, size=0.0):
     ), product
 
 
-@pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.campaign)])
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", [2, 3])
 def test_jumps_alone_are_no_finding(seed):
     trace, _ = stepped(seed)
     assert diagnose_trace(trace, PROFILE, materiality=0.0).verdict == "nothing-found"

@@ -38,16 +38,15 @@ def hidden(name, sigmas, seed, **shape):
     [
         "hysteresis",
         "cubic-nonlinearity",
-        "saturation",
         "creep",
-        "arm-sag",
         "position-dependent-gain",
         "direction-asymmetry",
-        "side-force",
-        "zero-drift",
-        "zero-step",
         "warm-up",
         "backlash",
+        *(
+            pytest.param(name, marks=pytest.mark.campaign)
+            for name in ("saturation", "arm-sag", "side-force", "zero-drift", "zero-step")
+        ),
     ],
 )
 def test_a_hidden_effect_is_named_alone(name):
@@ -237,7 +236,13 @@ def test_rates_out_of_their_domain_are_refused(bad):
 
 
 @needs_data
-@pytest.mark.parametrize("instrument", ["torque_arm", "drag_right", "drag_left"])
+@pytest.mark.parametrize(
+    "instrument",
+    [
+        "torque_arm",
+        *(pytest.param(f"drag_{side}", marks=pytest.mark.campaign) for side in ("right", "left")),
+    ],
+)
 def test_hysteresis_of_real_load_cells_is_named(instrument, tmp_path):
     folder = Path(DATA) / "unh_torque_arm_cal"
     column = "mean_torque" if instrument == "torque_arm" else "mean_force_newtons"

@@ -74,7 +74,9 @@ def test_a_stuck_bit_empties_half_of_the_codes():
 
 
 def test_an_order_that_was_found_is_taken_out_by_the_filter(tmp_path):
-    trace = record(motion=(100.0, 30.0, 7.0), ripple=((2.0, 0.4, 0.0), (7.0, 0.3, 0.4)), seed=5)
+    trace = record(
+        motion=(100.0, 30.0, 7.0), ripple=((2.0, 0.4, 0.0), (7.0, 0.3, 0.4)), n=6000, seed=5
+    )
     write_trace(tmp_path / "trace.csv", trace)
     folder, result = diagnose_run(tmp_path / "trace.csv", PROFILE, out=tmp_path / "runs")
     (block,) = result.filter_gain.blocks
