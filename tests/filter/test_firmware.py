@@ -123,7 +123,7 @@ def test_the_self_test_fails_where_the_numbers_are_others(bench, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["report-6", "tuned"])
+@pytest.mark.parametrize("name", [pytest.param("report-6", marks=pytest.mark.campaign), "tuned"])
 def test_float_stays_within_a_millinewtonmetre_of_double_for_ten_minutes(bench, tmp_path, name):
     model = tuned(bench) if name == "tuned" else preset(name, bench)
     folder = exported(model, tmp_path)
