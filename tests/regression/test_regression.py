@@ -204,7 +204,7 @@ def test_a_folder_without_cases_and_a_case_without_results_are_named(stored, tmp
     with pytest.raises(DataError, match=r"case\.json"):
         compare_folder(tmp_path / "nothing")
     (stored / "ripple" / "expected.json").unlink()
-    (lacking,) = compare_folder(stored).errors
+    (lacking,) = compare_folder(stored / "ripple").errors
     assert "expected.json" in lacking.what
 
 
