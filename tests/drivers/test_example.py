@@ -7,8 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from hdbench.profile import load_profile
 
 ROOT = Path(__file__).parents[2]
@@ -48,10 +46,8 @@ def bench(daq):
     return f"{head}{daq}\n[limits]\n{rest.split('[limits]', 1)[1]}"
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def answered(folder):
     """Install the package beside hdbench; return what commands with it answer."""
-    folder = tmp_path_factory.mktemp("example")
     shutil.copytree(ROOT / "examples" / "driver", folder / "source")
     words = ["--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target"]
     install = [sys.executable, "-m", "pip", "install", *words, folder / "site", folder / "source"]
@@ -80,7 +76,8 @@ def told(tmp_path_factory):
     return dict(zip(commands, json.loads(done.stdout), strict=True))
 
 
-def test_a_calibration_runs_through_an_installed_driver(told):
+def test_an_installed_driver_calibrates_and_is_named_and_its_profile_is_held_against_it(tmp_path):
+    told = answered(tmp_path)
     code, body, errors = told["calibrate"]
     assert code == 0, errors
     gain = json.loads(body)["gain_nm_per_v"]
@@ -88,20 +85,14 @@ def test_a_calibration_runs_through_an_installed_driver(told):
     expected = load_profile("seneca-z-sg").data.sensor.gain_nm_per_v
     assert abs(gain["value"] - expected) < 0.04 * expected
     assert gain["std"] > 0.0
-
-
-def test_doctor_names_the_driver_and_its_package_and_reaches_the_device(told):
+    # doctor names the driver and its package, and reaches the device
     assert "example-bridge (hdbench-example-bridge 0.1.0)" in told["doctor"][1]
     assert "Example BR-1 sim-0" in told["doctor"][1]
-
-
-def test_a_motion_is_refused_from_the_profile_alone(told):
+    # a motion is refused from the profile alone
     code, _, errors = told["run-ripple"]
     assert code == 2
     assert "has no output in this profile" in errors
-
-
-def test_a_wrong_key_of_the_drivers_own_table_is_told_with_its_line(told):
+    # a wrong key of the driver's own table
     code, _, errors = told["profile"]
     assert code != 0
     assert "did you mean 'daq.baud_bd'?" in errors
