@@ -24,7 +24,7 @@ def banded(one, other):
     return np.stack([one[:, a:b] @ other[:, a:b].T for a, b in pairwise(EDGES)])
 
 
-def moments_of(rows, measured, coefficients, penalty):
+def moments_of(rows, measured, coefficients, penalty, expected=None):
     left = measured - coefficients @ rows
     return Moments(
         packed(banded(rows, rows), np.arange(len(rows))),
@@ -33,6 +33,7 @@ def moments_of(rows, measured, coefficients, penalty):
         COUNTS,
         coefficients,
         penalty,
+        np.zeros(len(rows)) if expected is None else expected,
         np.zeros(len(rows), dtype=bool),
         np.zeros(len(COUNTS)),
     )
@@ -47,7 +48,7 @@ def drawn():
 
 
 def same(one, other):
-    for name in ("products", "right", "power", "coefficients", "penalty"):
+    for name in ("products", "right", "power", "coefficients", "penalty", "expected"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-9)
 
 
@@ -103,10 +104,11 @@ def test_the_solution_is_that_of_weighted_least_squares(case):
 def test_the_evidence_of_form_errors_is_a_dense_gaussian_likelihood(case):
     rows, measured, coefficients = case
     spread = np.array([0.7, 2.0, 0.05, 1.3, 0.4])
-    held = moments_of(rows, measured, coefficients, 1.0 / spread**2)
+    mean = np.array([0.5, 0.0, -1.0, 0.0, 2.0])
+    held = moments_of(rows, measured, coefficients, 1.0 / spread**2, mean)
     found = solve(held, SHAPES, SPECTRUM, rounds=0)
     covariance = np.diag(NOISE) + rows.T @ np.diag(spread**2) @ rows
-    wanted = multivariate_normal(np.zeros(80), covariance).logpdf(measured)
+    wanted = multivariate_normal(mean @ rows, covariance).logpdf(measured)
     constant = -0.5 * 80 * np.log(2.0 * np.pi)
     assert found.likelihood == pytest.approx(wanted - constant, abs=1e-6)
 

@@ -263,21 +263,28 @@ def test_a_cause_spoils_a_prediction_only_where_the_pieces_agree(saved, spoils):
     assert _spoils(whole, without) is spoils
 
 
-def test_a_play_is_refined_only_to_sizes_that_it_can_have():
-    def held(_angle, _speed, load):
-        return -0.12 * np.clip(load, -0.5, 0.5)
+def test_a_play_takes_all_that_is_its_own_beside_what_is_not_found_yet():
+    def held(_angle, speed, load):
+        return -np.clip(load, -0.2, 0.2) - 0.1 * np.tanh(load) + 0.1 * np.tanh(speed)
 
     trace = reversing(held)
     model = BenchModel.from_profile(PROFILE.data)
     masked = np.zeros(len(trace.columns["time_s"]), dtype=bool)
     fit = fitted(prepare_record(trace, PROFILE.data, model, masked, parse_baseline(())))
     attach_forms(fit)
-    play = Term(catalogue()["backlash"], {"play_nm": 0.1})
-    # this is 0.6 of what a play of 0.1 N m takes, and 0.12 of what one of 0.5 N m takes
-    assert reshaped(joined(fit, (play,)), [len(fit.parts)]).term(len(fit.parts)).shape != play.shape
-    new, terms = best_joined(fit, (play,))
-    assert terms == (play,)
+    new, (play,) = best_joined(fit, (Term(catalogue()["backlash"], {"play_nm": 0.1}),))
+    # beside a further .1 N m of the load's sign its share alone would be half as large again
+    assert new.linear(len(fit.parts))[0] == pytest.approx(1.0, abs=0.03)
+    assert 0.2 < play.shape["play_nm"] < 0.35
     assert all_possible(new, 1)
+
+
+def test_a_limit_far_above_the_torque_gains_nothing():
+    fit = fitted(swinging(3000))
+    limit = {"limit_nm": 400.0, "sharpness": 4.0}
+    new = joined(fit, (Term(catalogue()["saturation"], limit),))
+    # ripple of .4 N m: of it such a limit takes 1e-12; a fit is settled to .01 nats
+    assert abs(value_of(new) - value_of(joined(fit, ()))) < 0.1
 
 
 # what may be zero is no cause: a form error alone explains the torque then
@@ -336,10 +343,13 @@ def test_a_new_name_for_the_same_torque_starts_no_search(monkeypatch, better, se
     gone_on = []
     search = SimpleNamespace(
         fit=SimpleNamespace(
-            parts=[SimpleNamespace(term=None)], causes=lambda: [0], beside=lambda part: None
+            parts=[SimpleNamespace(term=None, cost_nats=5.0)],
+            causes=lambda: [0],
+            beside=lambda part: None,
         ),
         log=[],
-        replace_term=lambda part, own, other: tables.insert(0, [other]) is None,
+        replace_term=lambda part, own, other, likelier: tables.insert(0, [other]) is None,
+        exchange_for_table=lambda: False,
         reshape_all=lambda: None,
         prune=lambda most: None,
         go_on=lambda: gone_on.append(1),
@@ -370,8 +380,31 @@ def test_a_name_takes_a_place_only_where_the_whole_fit_says_so(said_nats, taken)
     )
     better = replace(better, gain_nats=5.0, evidence_nats=5.0)
     own = replace(better, evidence_nats=5.0 + said_nats)
-    assert state.replace_term(part, own, better) is taken
+    assert state.replace_term(part, own, better, True) is taken
     assert (state.fit is before) is not taken
+
+
+@pytest.mark.parametrize(("viscous_nm_s", "taken"), [(0.0, True), (0.01, False)])
+def test_a_name_that_is_no_likelier_takes_a_place_where_another_cause_becomes_needless(
+    viscous_nm_s, taken
+):
+    state = searching(
+        fitted(swinging(4000, lambda t, a, w: 0.3 * np.tanh(w / 2.0) + viscous_nm_s * w, mean=0.0))
+    )
+    steep = {"stribeck_rad_s": 15.0, "transition_rad_s": 2.0}
+    terms = (
+        Term(catalogue()["viscous-friction"], {}),
+        Term(catalogue()["stribeck-friction"], steep),
+    )
+    first, second = (state.fit.add_term(term) for term in terms)
+    state.fit.settle(3)
+    friction = Term(catalogue()["coulomb-friction"], {"transition_rad_s": 2.0})
+    better = refine.candidate_of(state.fit.beside(first), state.fit.record, friction, 1, 1)
+    better = replace(better, gain_nats=5.0, evidence_nats=0.0)
+    state.fit.parts[second].cost_nats = 5.0
+    assert state.replace_term(first, better, better, False) is taken
+    left = [state.fit.term(part).name for part in state.fit.causes()]
+    assert left == (["coulomb-friction"] if taken else [term.name for term in terms])
 
 
 @pytest.mark.parametrize("late", [0, 1])

@@ -22,7 +22,12 @@ from hdbench.diagnosis.discovery.moments import (
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum, make_shapes
 from hdbench.diagnosis.discovery.tables import Table
-from hdbench.diagnosis.discovery.term import Term, follows_motion, term_columns
+from hdbench.diagnosis.discovery.term import (
+    Term,
+    follows_motion,
+    is_whole_share,
+    term_columns,
+)
 from hdbench.diagnosis.evidence import PASSED
 from hdbench.records.trace import FloatArray
 
@@ -30,6 +35,8 @@ from hdbench.records.trace import FloatArray
 SLOW = "slow-motion"
 # directions of which less than this share of their energy is their own are taken as dependent
 _OWN_SHARE = 1e-6
+# a play or a limit takes all that is its own, to a hundredth: no form is exact
+_WHOLE_STD = 0.01
 
 
 @dataclass(slots=True)
@@ -392,7 +399,20 @@ class Fit:
         """One over the prior variance of each coefficient."""
         scale = np.array([part.form_scale for part in self.parts])[self.owner]
         scale = np.where(scale > 0.0, scale, 1.0)
-        return np.asarray(1.0 / np.where(self.form, self.variance * scale**2, self.variance))
+        variance = np.where(self.form, self.variance * scale**2, self.variance)
+        whole = self.expected
+        # what is smaller than rounding needs no prior
+        known = (_WHOLE_STD * whole) ** 2 + self.shapes.floor
+        return np.asarray(1.0 / np.where(whole > 0.0, known, variance))
+
+    @property
+    def expected(self) -> FloatArray:
+        """Mean of the prior of each coefficient: 0, or the size of a play or limit."""
+        found = np.zeros(len(self.owner))
+        for index, part in enumerate(self.parts):
+            if part.term is not None and is_whole_share(part.term.cause):
+                found[self.flat(index)] = part.scale
+        return found
 
     def moments(
         self, kept: NDArray[np.int64] | None = None, penalty: FloatArray | None = None
@@ -414,6 +434,7 @@ class Fit:
             self.bands.counts,
             coefficients[kept],
             penalty[kept],
+            self.expected[kept],
             moving[kept],
             self.fixed,
         )

@@ -394,6 +394,7 @@ def best_form_move(fit: Fit, parts: Container[int] | None = None) -> FormMove | 
         return None
     base = value({})
     weighted, right = fit.weighted(), (1.0 / fit.spectrum.power) @ fit.against
+    right += fit.penalty * fit.expected
     moves.sort(key=quick, reverse=True)
     tried = [FormMove(value(scales) - base, scales) for scales in moves[:_WITHOUT]]
     for move in tuple(tried) if parts is None else ():

@@ -106,6 +106,7 @@ class HeldOut:
             np.max(coefficients**2, initial=1.0)
         )
         penalty = np.maximum(fit.penalty[self.rows][kept], 1.0 / wide)
+        known = (fit.penalty * fit.expected)[self.rows][kept]
         total = self.grams.sum(axis=0)
         squares = [np.zeros(len(piece.used)) for piece in self.pieces]
         chi2 = 0.0
@@ -116,7 +117,7 @@ class HeldOut:
             solution = (
                 scale
                 * np.linalg.lstsq(
-                    matrix * np.outer(scale, scale), scale * rest[kept, -1], rcond=1e-12
+                    matrix * np.outer(scale, scale), scale * (rest[kept, -1] + known), rcond=1e-12
                 )[0]
             )
             for piece, out in zip(self.pieces, squares, strict=True):

@@ -82,16 +82,11 @@ def joined(fit: Fit, terms: Sequence[Term], *, hidden: bool = False) -> Fit:
 def best_joined(
     fit: Fit, terms: tuple[Term, ...], *, hidden: bool = False
 ) -> tuple[Fit, tuple[Term, ...]]:
-    """Return a fit with further terms, their form errors and their shapes refined in it.
-
-    A refined shape is kept only where the terms can have it (`all_possible`).
-    """
+    """Return a fit with further terms, their form errors and their shapes refined in it."""
     new = joined(fit, terms, hidden=hidden)
     places = list(range(len(new.parts) - len(terms), len(new.parts)))
     best = best_formed(new, len(terms))
-    moved = reshaped(best, places)
-    if moved is not best and all_possible(moved, len(terms)):
-        best = best_formed(moved, len(terms))
+    best = best_formed(reshaped(best, places), len(terms))
     return best, tuple(best.term(place) for place in places)
 
 

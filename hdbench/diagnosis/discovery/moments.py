@@ -39,6 +39,8 @@ class Moments:
         Of the columns, with which the residual was formed.
     penalty : ndarray, shape (k,)
         One over the prior variance; 0 where free.
+    expected : ndarray, shape (k,)
+        Mean of the prior: 0, or the size of a play or limit, which takes all that is its own.
     moving : ndarray of bool, shape (k,)
         Columns that follow the motion.
     fixed : ndarray, shape (n_bands,)
@@ -51,6 +53,7 @@ class Moments:
     counts: FloatArray
     coefficients: FloatArray
     penalty: FloatArray
+    expected: FloatArray
     moving: NDArray[np.bool_]
     fixed: FloatArray
 
@@ -67,6 +70,7 @@ class Moments:
             self.counts,
             np.concatenate([self.coefficients, np.zeros(extra)]),
             np.concatenate([self.penalty, np.zeros(extra)]),
+            np.concatenate([self.expected, np.zeros(extra)]),
             np.concatenate([self.moving, np.full(extra, moving)]),
             self.fixed,
         )
@@ -91,7 +95,8 @@ class Moments:
         That is its trace with the inverse of the normal equations, the power left, and, per
         coefficient, the power of what is modelled and of what moves.
         """
-        free = np.where(self.penalty > 0.0, 0.0, self.coefficients + step)
+        known = (self.penalty > 0.0) & (self.expected == 0.0)
+        free = np.where(known, 0.0, self.coefficients + step)
         vectors = np.stack([step, free, np.where(self.moving, free, 0.0)])
         # one pass over the products, which are many, for all
         sums = np.vstack([_squares(vectors), _trace(inverse)]) @ self.products.T
@@ -188,7 +193,7 @@ def solve(
             break
     normal, right = normal_equations(moments, spectrum)
     step = normal.solution(right)
-    total = moments.coefficients + step
+    total = moments.coefficients + step - moments.expected
     quadratic = float(np.sum(moments.left(step) / spectrum.power))
     quadratic += float(total @ (moments.penalty * total))
     logs = float(moments.counts @ np.log(spectrum.power))
@@ -308,7 +313,8 @@ def normal_equations(moments: Moments, spectrum: Spectrum) -> tuple[Normal, Floa
     weight = 1.0 / spectrum.power
     matrix = moments.weighted(weight)
     matrix.flat[:: len(matrix) + 1] += moments.penalty
-    right = weight @ moments.right - moments.penalty * moments.coefficients
+    right = weight @ moments.right
+    right -= moments.penalty * (moments.coefficients - moments.expected)
     return Normal.of(matrix), right
 
 

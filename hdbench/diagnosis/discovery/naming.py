@@ -61,18 +61,22 @@ class Named:
 def name_causes(search: Search) -> dict[int, Named]:
     """Name every cause against all others.
 
-    Where a better name, no other form of the same torque, takes a place the search goes on.
+    Where a better name, no other form of the same torque, takes a place the search goes on; so it
+    does where no name is better, but a table is.
     """
     for _ in range(_SWEEPS):
         tables, swapped, moved = _swept(search)
-        if not swapped:
+        exchanged = not swapped and search.exchange_for_table()
+        if not (swapped or exchanged):
             break
         search.reshape_all()
         search.prune(most=0)
-        if moved:
+        if moved or exchanged:
             search.go_on()
-    if swapped or any(
-        table[0].evidence_nats < needed_nats(table[0].term) for table in tables.values()
+    if (
+        swapped
+        or exchanged
+        or any(table[0].evidence_nats < needed_nats(table[0].term) for table in tables.values())
     ):
         search.prune(None, most=0)
         tables = {part: _table(search, part) for part in search.fit.causes()}
@@ -86,21 +90,29 @@ def _swept(search: Search) -> tuple[dict[int, list[Candidate]], bool, bool]:
     """
     tables, swapped, moved = {}, False, False
     for term in [search.fit.parts[part].term for part in search.fit.causes()]:
-        part = next(at for at, held in enumerate(search.fit.parts) if held.term is term)
+        part = next((at for at, held in enumerate(search.fit.parts) if held.term is term), None)
+        if part is None:
+            # a better name made it needless
+            continue
         table = tables[part] = _table(search, part)
         own = table[0]
         names = [c for c in table[1:] if not is_table(c.term.cause)]
-        better = max(names, key=lambda c: c.evidence_nats, default=own)
-        # a line was found before its harmonics were looked at: the likelier name is its first
-        lines = is_line(own.term.cause) and is_line(better.term.cause)
-        enough = max(own.evidence_nats + (0.0 if lines else RIVAL_NATS), 0.0)
-        if better.evidence_nats > enough and search.replace_term(part, own, better):
-            search.log.append(
-                f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
-                f"{better.evidence_nats:.1f}"
-            )
-            moved |= not same_torque(own.term.cause, better.term.cause)
-            swapped = True
+        # another name may be as likely and make a further cause needless
+        spare = max((held.cost_nats for held in search.fit.parts if held.term), default=0.0)
+        for better in sorted(names, key=lambda c: -c.evidence_nats):
+            # a line was found before its harmonics were looked at: the likelier name is its first
+            lines = is_line(own.term.cause) and is_line(better.term.cause)
+            enough = max(own.evidence_nats + (0.0 if lines else RIVAL_NATS), 0.0)
+            if better.evidence_nats < enough - spare:
+                break
+            if search.replace_term(part, own, better, better.evidence_nats > enough):
+                search.log.append(
+                    f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
+                    f"{better.evidence_nats:.1f}"
+                )
+                moved |= not same_torque(own.term.cause, better.term.cause)
+                swapped = True
+                break
     return tables, swapped, moved
 
 

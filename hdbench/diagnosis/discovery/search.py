@@ -448,16 +448,21 @@ class Search:
             fit.remove(index)
         fit.settle(3)
 
-    def replace_term(self, part: int, own: Candidate, better: Candidate) -> bool:
-        """Put another name in the place of a cause; return whether the whole fit says so, too."""
+    def replace_term(self, part: int, own: Candidate, better: Candidate, likelier: bool) -> bool:
+        """Put another name in the place of a cause; return whether the whole fit says so, too.
+
+        One that is not likelier by itself must make further causes needless.
+        """
         fit = self.fit
         new = joined(fit.without_view(part), (better.term,))
         new.parts[-1].form_scale = fit.parts[part].form_scale
         attach_forms(new)
         new.settle(2)
         new = best_formed(new, 1)
+        saved = self._relieved(new, 1)
         own_cost, cost = (one.gain_nats - one.evidence_nats for one in (own, better))
-        if (value_of(new) - value_of(fit)) / own.loud < cost - own_cost:
+        gain = (value_of(new) - value_of(fit)) / own.loud + saved + own_cost - cost
+        if gain < 0.0 or not (likelier or saved > 0.0):
             return False
         held = new.parts[-1]
         held.false_alarm, held.trials = fit.parts[part].false_alarm, better.trials
@@ -630,7 +635,7 @@ class Search:
                     self.reform_all()
                     self.drop_needless()
                     break
-            elif not (self.reform_all() or self.drop_needless() or self.exchange_for_table()):
+            elif not (self.reform_all() or self.drop_needless()):
                 break
             self.reshape_all()
             renew(self.fit)
