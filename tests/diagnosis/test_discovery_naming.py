@@ -32,7 +32,7 @@ from hdbench.diagnosis.discovery.record import prepare_record
 from hdbench.diagnosis.discovery.search import Search, _turn
 from hdbench.diagnosis.discovery.tables import table_causes
 from hdbench.diagnosis.discovery.term import Term, term_columns
-from hdbench.diagnosis.discovery.told import _spoils, distinct, predicting_delay
+from hdbench.diagnosis.discovery.told import _spoils, distinct, predicting_delay, walk_of
 from hdbench.model import BenchModel, catalogue
 from hdbench.results.diagnosis import Unexplained
 
@@ -328,6 +328,26 @@ def test_a_pair_goes_ahead_of_lines_only_where_both_follow_the_motion(other, ahe
         for name in names
     )
     assert _turn(pair) == ahead * 20.0
+
+
+@pytest.mark.parametrize(("axes", "told"), [("time", True), ("velocity", False)])
+def test_what_a_table_says_over_the_motion_is_no_random_walk(axes, told):
+    n = 20_000
+    # .2 N m/s^0.5, 1 kHz
+    walk = 0.2 * np.sqrt(1e-3) * np.cumsum(np.random.default_rng(3).standard_normal(n))
+    fit = fitted(swinging(n, lambda _t, _a, _w: walk))
+    fit.shapes = fit.shapes.rising()
+    fit.settle(4, anew=True)
+    state, table = searching(fit), table_causes(fit.record)[0]
+    table = replace(table, name=f"table:{axes}", columns=lambda motion, shape: walk[:, None])
+    state.whole = fit.copy()
+    state.whole.add_term(Term(table, {}))
+    state.whole.settle(4)
+    found = walk_of(state, float(np.var(walk)))
+    assert (found is not None) is told
+    if found:
+        held = found[0].parameters["intensity_nm_per_sqrt_s"]
+        assert held.value == pytest.approx(0.2, abs=4.0 * held.std)
 
 
 @pytest.mark.parametrize(("better", "searches"), [("coulomb-friction", 0), ("hysteresis", 1)])

@@ -107,10 +107,9 @@ def tell(
     search.find_tables()
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
-    before, after = hold_out(early).predict(base), held.predict(everything)
-    # a table could take in what a name explains: names are held against each other without it
+    # a table could take in what a name explains, and no model has it: names predict without it
     names = everything - set(fit.tables())
-    with_names = held.predict(names)
+    before, after = hold_out(early).predict(base), held.predict(names)
     variance = mean_square(early, base)
     sizes, sized_parts = sized(fit)
     matrices = covariances(sizes)
@@ -141,7 +140,7 @@ def tell(
             places.append(place_of(fit, index, shares[index], chance))
             continue
         without = held.predict(names - {index})
-        gain = gain_between(without, with_names, rng)
+        gain = gain_between(without, after, rng)
         causes.append(cause_of(one, terms[-1], model, gain, shares[index], chance))
         places += form_places(search, index, variance)
     for special in (walk_of(search, variance), late_of(search, early, rng)):
@@ -253,8 +252,12 @@ def form_places(search: Search, part: int, variance: float) -> list[Unexplained]
 
 
 def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | None:
-    """Return a random walk of the zero where slow noise is likely one; None without."""
-    fit = search.fit
+    """Return a random walk of the zero where slow noise is likely one; None without.
+
+    What a table says over the motion is none.
+    """
+    fit = search.told
+    fit = fit.without(*(part for part in fit.tables() if "time" in fit.parts[part].name))
     cause = search.catalogue.get("zero-random-walk")
     if cause is None or not fit.shapes.with_slow or cause.applicable(fit.record.motion) is not None:
         return None
@@ -268,15 +271,13 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
     free, _ = _likelihood(fit.shapes.without_bumps(), power, fit.bands.counts)
     if walking < free - _FREE_NATS or not _is_steady(fit, both, fast):
         return None
-    f = fit.bands.frequency_hz
-    slow = slice(0, max(4, int(np.argmin(np.abs(f - 30.0 * f[0])))))
-    walk = np.maximum(power - fast, 0.0)[slow]
-    step = float(np.median(2.0 * np.pi * f[slow] * np.sqrt(walk * fit.record.period_s)))
-    if not step > 0.0:
-        # slow noise that stands in few lines is no walk
-        return None
+    # power of a step of intensity^2 times the period, summed: intensity^2 period / (2 pi f period)^2
+    shapes = fit.shapes.with_only(2)
+    walk = shapes.fit(power, fit.bands.counts).amounts[shapes.slow] @ shapes.table[shapes.slow]
+    step = 2.0 * np.pi * fit.bands.frequency_hz[-1] * float(np.sqrt(walk[-1] * fit.record.period_s))
     intensity = min(max(step, 1e-6), 100.0)
-    std = intensity / float(np.sqrt(2.0 * max(float(fit.bands.counts[slow].sum()), 1.0)))
+    speaking = float(fit.bands.counts @ (walk / both) ** 2)
+    std = intensity / float(np.sqrt(2.0 * max(speaking, 1.0)))
     share = float(np.sum(np.diff(fit.bands.edges) * np.maximum(power - fast, 0.0)))
     share = min(1.0, share / fit.bands.length / variance)
     shape = {"intensity_nm_per_sqrt_s": intensity}
