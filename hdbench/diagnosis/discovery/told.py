@@ -271,7 +271,7 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
     free, _ = _likelihood(fit.shapes.without_bumps(), power, fit.bands.counts)
     if walking < free - _FREE_NATS or not _is_steady(fit, both, fast):
         return None
-    # power of a step of intensity^2 times the period, summed: intensity^2 period / (2 pi f period)^2
+    # power at f of summed steps of intensity^2 period: intensity^2 / ((2 pi f)^2 period)
     shapes = fit.shapes.with_only(2)
     walk = shapes.fit(power, fit.bands.counts).amounts[shapes.slow] @ shapes.table[shapes.slow]
     step = 2.0 * np.pi * fit.bands.frequency_hz[-1] * float(np.sqrt(walk[-1] * fit.record.period_s))
