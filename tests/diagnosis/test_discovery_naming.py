@@ -427,6 +427,24 @@ def test_a_name_that_is_no_likelier_takes_a_place_where_another_cause_becomes_ne
     assert left == (["coulomb-friction"] if taken else [term.name for term in terms])
 
 
+@pytest.mark.parametrize(("true", "left"), [("coulomb-friction", 0), ("presliding", 1)])
+def test_the_latest_cause_has_the_likeliest_form_of_its_torque(true, left):
+    forms = (
+        Term(catalogue()["coulomb-friction"], {"transition_rad_s": 2.0}),
+        Term(catalogue()["presliding"], {"breakaway_rad": 3.0}),
+    )
+    torque = term_columns(next(t for t in forms if t.name == true), swinging(4000, mean=0.0))[:, 0]
+    fit = fitted(swinging(4000, lambda _t, _a, _w: 0.3 * torque, mean=0.0))
+    fit.add_term(forms[1])
+    fit.settle(3)
+    attach_forms(fit)
+    looks = [SimpleNamespace(term=term, trials=10.0) for term in forms]
+    state = searching(fit)
+    state.latest, state.names = ("presliding",), SimpleNamespace(looks=lambda beside: looks)
+    state.take_best_forms()
+    assert [state.fit.term(part).name for part in state.fit.causes()] == [forms[left].name]
+
+
 @pytest.mark.parametrize("late", [0, 1])
 def test_a_delay_that_predicts_nothing_is_taken_out(late):
     # the ripple of a speed of up to 90 rad/s turns by .18 rad in 1 ms

@@ -471,6 +471,31 @@ class Search:
         renew(new)
         return True
 
+    def take_best_forms(self) -> None:
+        """Let the latest causes have the likeliest form of their torque, of which a fit has one."""
+        for name in self.latest:
+            part = next((k for k in self.fit.causes() if self.fit.parts[k].name == name), None)
+            if part is None or is_line(self.fit.term(part).cause):
+                continue
+            term, held, view = (
+                self.fit.term(part),
+                self.fit.parts[part],
+                self.fit.without_view(part),
+            )
+            beside, tried = view.beside(), {term.name}
+            for look in self.names.looks(beside):
+                if look.term.name in tried or not same_torque(look.term.cause, term.cause):
+                    continue
+                tried.add(look.term.name)
+                start = candidate_of(beside, view.record, look.term, look.trials, 1.0)
+                new, _ = best_joined(view, (refined(beside, view.record, start).term,))
+                new = best_formed(reshaped(new, new.causes()), len(new.parts))
+                if all_possible(new, 1) and value_of(new) > value_of(self.fit) + RIVAL_NATS:
+                    last = new.parts[-1]
+                    last.false_alarm, last.trials = held.false_alarm, held.trials
+                    last.cost_nats, self.fit = held.cost_nats, new
+                    self.log.append(f"{last.name} for {term.name}")
+
     def explained(self, before: float) -> float:
         """Return the share of the baseline's residual power that was explained since `before`."""
         now = float(self.fit.bands.power(self.fit.residual).sum())
@@ -638,6 +663,8 @@ class Search:
             elif not (self.reform_all() or self.drop_needless()):
                 break
             self.reshape_all()
+            if found:
+                self.take_best_forms()
             renew(self.fit)
             self.retime()
             attach_forms(self.fit, idle=True)
