@@ -477,14 +477,10 @@ class Search:
             part = next((k for k in self.fit.causes() if self.fit.parts[k].name == name), None)
             if part is None or is_line(self.fit.term(part).cause):
                 continue
-            term, held, view = (
-                self.fit.term(part),
-                self.fit.parts[part],
-                self.fit.without_view(part),
-            )
-            beside, tried = view.beside(), {term.name}
+            held, view = self.fit.parts[part], self.fit.without_view(part)
+            cause, beside, tried = self.fit.term(part).cause, view.beside(), {name}
             for look in self.names.looks(beside):
-                if look.term.name in tried or not same_torque(look.term.cause, term.cause):
+                if look.term.name in tried or not same_torque(look.term.cause, cause):
                     continue
                 tried.add(look.term.name)
                 start = candidate_of(beside, view.record, look.term, look.trials, 1.0)
@@ -494,7 +490,7 @@ class Search:
                     last = new.parts[-1]
                     last.false_alarm, last.trials = held.false_alarm, held.trials
                     last.cost_nats, self.fit = held.cost_nats, new
-                    self.log.append(f"{last.name} for {term.name}")
+                    self.log.append(f"{last.name} for {name}")
 
     def explained(self, before: float) -> float:
         """Return the share of the baseline's residual power that was explained since `before`."""

@@ -25,6 +25,7 @@ from hdbench.diagnosis.discovery.search import (
     settled,
 )
 from hdbench.diagnosis.discovery.spectrum import Shapes
+from hdbench.diagnosis.discovery.spectrum import Spectrum as Noise
 from hdbench.diagnosis.discovery.tables import axes_of, is_table
 from hdbench.diagnosis.discovery.term import (
     resolution,
@@ -256,29 +257,28 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
 
     What a table says over the motion is none.
     """
-    fit = search.told
-    fit = fit.without(*(part for part in fit.tables() if "time" in fit.parts[part].name))
-    cause = search.catalogue.get("zero-random-walk")
+    fit, cause = search.told, search.catalogue.get("zero-random-walk")
     if cause is None or not fit.shapes.with_slow or cause.applicable(fit.record.motion) is not None:
         return None
+    fit = fit.without(*(part for part in fit.tables() if "time" in fit.parts[part].name))
     power = fit.bands.power(fit.residual) / np.maximum(fit.bands.counts, 1e-9)
-    fits = [_likelihood(fit.shapes.with_only(k), power, fit.bands.counts) for k in range(3)]
+    slow = [fit.shapes.with_only(k) for k in range(3)]
+    fits = [_likelihood(shapes, power, fit.bands.counts) for shapes in slow]
     (none, fast), (flicker, _), (walking, both) = fits
     gain = walking - none - SLOW_PRICE
     chance = chi2_tail(2.0 * max(walking - none, 0.0), 2)
     if chance > search.alpha * SHARES["burst"] or walking < flicker + _STEEPER_NATS:
         return None
     free, _ = _likelihood(fit.shapes.without_bumps(), power, fit.bands.counts)
-    if walking < free - _FREE_NATS or not _is_steady(fit, both, fast):
+    if walking < free - _FREE_NATS or not _is_steady(fit, both.power, fast.power):
         return None
     # power at f of summed steps of intensity^2 period: intensity^2 / ((2 pi f)^2 period)
-    shapes = fit.shapes.with_only(2)
-    walk = shapes.fit(power, fit.bands.counts).amounts[shapes.slow] @ shapes.table[shapes.slow]
+    walk = both.amounts[slow[2].slow] @ slow[2].table[slow[2].slow]
     step = 2.0 * np.pi * fit.bands.frequency_hz[-1] * float(np.sqrt(walk[-1] * fit.record.period_s))
     intensity = min(max(step, 1e-6), 100.0)
-    speaking = float(fit.bands.counts @ (walk / both) ** 2)
+    speaking = float(fit.bands.counts @ (walk / both.power) ** 2)
     std = intensity / float(np.sqrt(2.0 * max(speaking, 1.0)))
-    share = float(np.sum(np.diff(fit.bands.edges) * np.maximum(power - fast, 0.0)))
+    share = float(np.sum(np.diff(fit.bands.edges) * np.maximum(power - fast.power, 0.0)))
     share = min(1.0, share / fit.bands.length / variance)
     shape = {"intensity_nm_per_sqrt_s": intensity}
     left = float(np.sqrt(variance))
@@ -337,10 +337,10 @@ def late_of(
     return told, term
 
 
-def _likelihood(shapes: Shapes, power: FloatArray, counts: FloatArray) -> tuple[float, FloatArray]:
-    """Return the log likelihood of the best noise of some shapes, nats, and its power."""
-    found = shapes.fit(power, counts).power
-    return -0.5 * float(np.sum(counts * (np.log(found) + power / found))), found
+def _likelihood(shapes: Shapes, power: FloatArray, counts: FloatArray) -> tuple[float, Noise]:
+    """Return the log likelihood of the best noise of some shapes, nats, and that noise."""
+    found = shapes.fit(power, counts)
+    return -0.5 * float(np.sum(counts * (np.log(found.power) + power / found.power))), found
 
 
 def _is_steady(fit: Fit, walk: FloatArray, fast: FloatArray) -> bool:
