@@ -94,6 +94,22 @@ def test_a_low_pass_is_found_through_gaps_of_the_stamps():
     assert np.sqrt(np.nanmean(left**2)) < 1.2 * np.sqrt(np.nanmean(after**2))
 
 
+@pytest.mark.parametrize("hertz", [40.0, pytest.param(15.0, marks=pytest.mark.campaign)])
+def test_a_low_pass_of_another_form_is_no_cause(hertz):
+    # two stages of first order: no low-pass that is tried has this form
+    stages = np.vstack([butter(1, hertz, fs=1000.0, output="sos")] * 2)
+
+    def filtered(torque):
+        return torque[0] + sosfilt(stages, torque - torque[0])
+
+    result = diagnose_trace(reversing(dry, channel=filtered, noise_nm=0.01, n=10_000), PROFILE)
+    (cause,) = result.causes
+    assert "coulomb-friction" in cause.group
+    assert result.unexplained == ()
+    forms = {form["name"]: form["scale"] for form in result.settings["form_errors"]}
+    assert forms["torque-channel"] > 0.03
+
+
 def test_the_band_of_a_stored_torque_is_the_same_whatever_is_expected():
     sections = butter(2, 5.0, fs=1000.0, output="sos")
     trace = reversing(dry, noise_nm=0.02)

@@ -104,6 +104,18 @@ def test_a_filter_goes_on_through_lost_samples(causal):
     assert np.std(found - measured) < 0.01 * np.std(measured)
 
 
+def test_the_damping_of_a_low_pass_makes_other_filters_of_it():
+    wave = np.random.default_rng(7).standard_normal(4000)
+    plain = LowPass(0.2, causal=True).applied(wave)
+    np.testing.assert_allclose(
+        plain - wave[0], sosfilt(butter(2, 0.2, output="sos"), wave - wave[0])
+    )
+    # two equal stages of first order, as of resistors and capacitors
+    stages = np.vstack([butter(1, 0.2, output="sos")] * 2)
+    damped = LowPass(0.2, causal=True, damping=np.sqrt(2.0)).applied(wave)
+    np.testing.assert_allclose(damped - wave[0], sosfilt(stages, wave - wave[0]), atol=1e-7)
+
+
 @pytest.mark.parametrize("causal", [False, True])
 def test_a_filter_ahead_of_the_sampling_bends_no_frequencies(causal):
     # 200 samples/s of a torque that was filtered at 10 kHz: a tone at 0.8 of Nyquist's frequency

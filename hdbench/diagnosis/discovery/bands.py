@@ -41,6 +41,8 @@ class LowPass:
         Whether the measured load was logged behind the same filter.
     analog : bool
         Whether it ran ahead of the sampling: it bends no frequencies, as one of samples does.
+    damping : float
+        Damping of its poles relative to Butterworth's; 1.41 makes two equal first orders of two.
     """
 
     corner: float
@@ -48,12 +50,22 @@ class LowPass:
     causal: bool = False
     load: bool = False
     analog: bool = False
+    damping: float = 1.0
+
+    def poles(self, corner: float) -> NDArray[np.complex128]:
+        """Return the poles of the filter at a corner in rad/s, 1/s."""
+        ratio = self.damping * np.sin(np.pi * (np.arange(self.order) + 0.5) / self.order)
+        # the upper half of the poles, and the lower half
+        way = np.where(np.arange(self.order) < self.order // 2, 1.0, -1.0)
+        return np.asarray(corner * (-ratio + way * np.emath.sqrt(ratio**2 - 1.0)))
 
     def sections(self) -> FloatArray:
         """Return the filter in sections of second order, shape (sections, 6)."""
-        from scipy.signal import butter
+        from scipy.signal import bilinear_zpk, zpk2sos
 
-        return np.asarray(butter(self.order, self.corner, output="sos"))
+        poles = self.poles(2.0 * np.tan(0.5 * np.pi * self.corner))
+        gain = float(np.prod(-poles).real)
+        return np.asarray(zpk2sos(*bilinear_zpk([], poles, gain, fs=1.0)))
 
     def gain(self, count: int, whole: int) -> NDArray[np.complex128]:
         """Return the gain at the first frequencies, of which `whole` reach up to Nyquist's."""
@@ -91,11 +103,12 @@ class LowPass:
 # many columns of one record go through the same filter
 @lru_cache(maxsize=4)
 def _gain(low_pass: LowPass, count: int, whole: int) -> NDArray[np.complex128]:
-    from scipy.signal import butter, freqs, sosfreqz
+    from scipy.signal import freqs_zpk, sosfreqz
 
     share = np.arange(count) / whole
     if low_pass.analog:
-        once = np.asarray(freqs(*butter(low_pass.order, low_pass.corner, analog=True), share)[1])
+        poles = low_pass.poles(low_pass.corner)
+        once = np.asarray(freqs_zpk([], poles, float(np.prod(-poles).real), share)[1])
     else:
         once = np.asarray(sosfreqz(low_pass.sections(), np.pi * share)[1])
     return once if low_pass.causal else np.abs(once) ** 2 + 0j
@@ -319,6 +332,10 @@ class Bands:
             passed=np.abs(low_pass.gain(self.size, self.length)),
             low_pass=low_pass,
         )
+
+    def behind(self, change: Callable[[LowPass], LowPass]) -> Bands:
+        """Return the bands of a channel whose low-pass, where it has one, is another."""
+        return self if self.low_pass is None else self.low_passed(change(self.low_pass))
 
     def spread(self, per_band: FloatArray) -> FloatArray:
         """Return a value of each band at each of its coefficients."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.fit import Fit, Part, Products
 from hdbench.diagnosis.discovery.moments import inverse, quick_likelihood, solve
 from hdbench.diagnosis.discovery.record import Record
@@ -239,6 +240,8 @@ def form_rows(fit: Fit, part: int) -> tuple[FloatArray, Products]:
     """
     held = fit.parts[part]
     record = fit.record
+    if held.name == CHANNEL:
+        return _leading(fit, _channel_rows(fit))
     if held.term is not None:
         columns, linear = term_columns(held.term, record), fit.linear(part)
         line = columns.shape[1] % 2 == 0 and held.term.cause.locked_to in ("motor", "clock")
@@ -259,7 +262,42 @@ def form_rows(fit: Fit, part: int) -> tuple[FloatArray, Products]:
         cosine, sine = columns[:, ::2], columns[:, 1::2]
         turned = sine @ linear[::2] - cosine @ linear[1::2]
         directions = np.vstack([directions, order * fast * turned / SCALES[-1]])
-    rows, beside = fit.bands.transform(directions.T), fit.beside()
+    return _leading(fit, fit.bands.transform(directions.T))
+
+
+def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
+    """Return the fitted torque, N m; without what acts on the whole signal where asked."""
+    record = fit.record
+    torque = np.zeros(len(record))
+    for index, part in enumerate(fit.parts):
+        if part.term is not None:
+            if whole or not part.term.cause.whole_signal:
+                torque += term_columns(part.term, record) @ fit.linear(index)
+        elif len(part.scale):
+            places = [
+                i for i, n in enumerate(record.names) if (n.rpartition(":")[0] or n) == part.name
+            ]
+            torque += record.columns[:, places] @ fit.linear(index)
+    return torque
+
+
+def _channel_rows(fit: Fit) -> FloatArray:
+    """Return what another low-pass would make of the torque, per unit of relative size."""
+    record, load = fit.record, fit.record.motion.load_torque_nm
+    ahead = fitted_nm(fit) + np.nan_to_num(record.fixed_nm)
+    if record.logged_nm is not None and load is not None:
+        # a load that was logged behind the same filter does not change
+        ahead -= np.nan_to_num(record.load * load)
+    column, rows = ahead[:, None], []
+    held = fit.bands.transform(column)[0]
+    for share, change in _CHANGES:
+        rows.append((fit.bands.behind(change).transform(column)[0] - held) / share)
+    return np.stack(rows)
+
+
+def _leading(fit: Fit, rows: FloatArray) -> tuple[FloatArray, Products]:
+    """Return the directions among some rows that the largest scale shows, and their products."""
+    beside = fit.beside()
     products = beside.products(rows)
     value, vector = np.linalg.eigh(beside.projected(products)[0])
     seen = vector[:, np.flatnonzero(value * SCALES[-1] ** 2 > _SEEN)[::-1][:_MOST]]
@@ -277,6 +315,17 @@ def formed_share(fit: Fit, part: int) -> float:
 
 
 FIXED = "expected-torque"
+# low-pass of the torque channel: its corner and its order are off by a share
+CHANNEL = "torque-channel"
+# other low-passes, each with its size as a form error: corner and damping a hundredth less, a
+# higher order, and a filter of samples, which bends frequencies, for one ahead of the sampling or
+# the reverse
+_CHANGES: tuple[tuple[float, Callable[[LowPass], LowPass]], ...] = (
+    (0.01, lambda low_pass: replace(low_pass, corner=0.99 * low_pass.corner)),
+    (0.01, lambda low_pass: replace(low_pass, damping=0.99 * low_pass.damping)),
+    (SCALES[-1], lambda low_pass: replace(low_pass, order=low_pass.order + 1)),
+    (USUAL, lambda low_pass: replace(low_pass, analog=not low_pass.analog)),
+)
 
 
 def _fast_angle(record: Record) -> FloatArray:
@@ -297,9 +346,11 @@ def attach_forms(fit: Fit, *, idle: bool = False) -> None:
     Strong is what a part has of its own: one that others can take the place of has no form. Those
     of scale zero, that of a line as a rule, only where `idle` ones are asked for.
     """
-    held = any(part.name == FIXED for part in fit.parts)
-    if not held and fit.record.motion.inertia_nm_s2 > 0.0 and _accelerates(fit.record):
+    held = {part.name for part in fit.parts}
+    if fit.record.motion.inertia_nm_s2 > 0.0 and _accelerates(fit.record) and FIXED not in held:
         fit.parts.append(Part(FIXED, None, np.zeros(0)))
+    if CHANNEL not in held and np.any(fit.bands.passed < 1.0):
+        fit.parts.append(Part(CHANNEL, None, np.zeros(0)))
     covariance, before = inverse(fit.information), len(fit.rows)
     for index, part in enumerate(fit.parts):
         if not (idle or part.form_scale or usual_scale(part)):
@@ -308,7 +359,7 @@ def attach_forms(fit: Fit, *, idle: bool = False) -> None:
         table = part.term is not None and is_table(part.term.cause)
         if table or bool(np.any((fit.owner == index) & fit.form)):
             continue
-        if part.name != FIXED and own_statistic(fit, index, covariance) < STRONG:
+        if part.name not in (FIXED, CHANNEL) and own_statistic(fit, index, covariance) < STRONG:
             continue
         rows, products = form_rows(fit, index)
         if len(rows):
@@ -316,6 +367,15 @@ def attach_forms(fit: Fit, *, idle: bool = False) -> None:
             part.form_scale = part.form_scale or usual_scale(part)
     if len(fit.rows) > before:
         fit.settle(1)
+
+
+def renew_channel(fit: Fit) -> None:
+    """Let the form error of the torque channel be about what is explained by now."""
+    for index, part in enumerate(fit.parts):
+        if part.name == CHANNEL:
+            fit.keep(fit.owner != index)
+            fit.add_form(index, *form_rows(fit, index))
+            fit.settle(1)
 
 
 def own_statistic(fit: Fit, part: int, covariance: FloatArray) -> float:
@@ -437,7 +497,7 @@ def _neighbours(scale: float) -> tuple[float, ...]:
 def usual_scale(part: Part) -> float:
     """Return the scale that a form error has beforehand: laws are never exact, lines often are."""
     if part.term is None:
-        return _INERTIA if part.name == FIXED else 0.0
+        return {FIXED: _INERTIA, CHANNEL: USUAL}.get(part.name, 0.0)
     return 0.0 if part.term.cause.locked_to in ("motor", "clock") else USUAL
 
 

@@ -12,6 +12,7 @@ from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.form import (
     attach_forms,
     best_form_move,
+    fitted_nm,
     form_cost,
     own_statistic,
     usual_scale,
@@ -249,22 +250,6 @@ def _unsized(fit: Fit) -> set[int]:
         if not inside or not sure or not is_within(fit, part):
             found.add(part)
     return found
-
-
-def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
-    """Return the fitted torque, N m; without what acts on the whole signal where asked."""
-    record = fit.record
-    torque = np.zeros(len(record))
-    for index, part in enumerate(fit.parts):
-        if part.term is not None:
-            if whole or not part.term.cause.whole_signal:
-                torque += term_columns(part.term, record) @ fit.linear(index)
-        elif len(part.scale):
-            places = [
-                i for i, n in enumerate(record.names) if (n.rpartition(":")[0] or n) == part.name
-            ]
-            torque += record.columns[:, places] @ fit.linear(index)
-    return torque
 
 
 def _turns_with_motor(cause: Cause) -> bool:

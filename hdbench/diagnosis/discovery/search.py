@@ -16,6 +16,7 @@ from hdbench.diagnosis.discovery.form import (
     attach_forms,
     best_form_move,
     form_cost,
+    renew_channel,
 )
 from hdbench.diagnosis.discovery.joint import (
     LEAST_NATS,
@@ -663,6 +664,7 @@ class Search:
                 self.take_best_forms()
             renew(self.fit)
             self.retime()
+            renew_channel(self.fit)
             attach_forms(self.fit, idle=True)
             self.prune()
             for place, one in enumerate(plain):

@@ -8,7 +8,7 @@ add, each record in the units of its own noise, and the search needs to know no 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.bands import Bands
+from hdbench.diagnosis.discovery.bands import Bands, LowPass
 from hdbench.diagnosis.discovery.fit import Fit, Part, scaled_rows
 from hdbench.diagnosis.discovery.moments import inverse
 from hdbench.diagnosis.discovery.record import Record
@@ -138,6 +138,10 @@ class StackedBands(Bands):
         """Return what coefficients of all records are in time, one record behind the other."""
         pieces = zip(self.parts, self.slices(), strict=True)
         return np.hstack([part.waves(rows[:, at]) for part, (at, _) in pieces])
+
+    def behind(self, change: Callable[[LowPass], LowPass]) -> StackedBands:
+        """Return the bands of records whose low-passes, where they have one, are others."""
+        return replace(self, parts=tuple(part.behind(change) for part in self.parts))
 
     def slices(self) -> list[tuple[slice, slice]]:
         """Return the coefficients and the bands of each record."""
