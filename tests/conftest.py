@@ -4,10 +4,11 @@ The suite says whether a change is good; looking for new inputs is the work of
 `tools/faults/inputs.py`.
 """
 
+import gc
 import json
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import Any
 
 import pytest
@@ -29,6 +30,17 @@ os.environ.pop("PYTHONUNBUFFERED", None)
 def _hears_ctrl_c() -> None:
     """Undo what a command leaves that ran in this process: its Ctrl-C is ignored, and inherited."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect no garbage while modules are imported, and never look at them again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_xdist_auto_num_workers() -> int:
