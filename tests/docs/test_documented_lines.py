@@ -179,7 +179,7 @@ def short_runs(tmp_path, monkeypatch, changed_profile) -> None:
     short = changed_profile(
         calibration={"positions": 2, "average_s": 0.25, **weights},
         misalignment={"velocity_rad_s": 300.0},
-        ripple={"duration_s": 4.0},
+        ripple={"duration_s": 3.0},
     )
     Path("short.toml").write_text(short)
     monkeypatch.setattr(inputs, "DEFAULT_PROFILE", "short.toml")
