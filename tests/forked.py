@@ -73,6 +73,12 @@ def hdbench_process(
     return forked(lambda: (take_terminal(), main(command)), **keys)
 
 
+def ended(words: Sequence[object], **keys: Any) -> subprocess.CompletedProcess[str]:
+    """Run another program to its end, for its exit code and what it said."""
+    keys = {"timeout": 300.0, "text": True, **keys}
+    return subprocess.run([*map(str, words)], capture_output=True, check=False, **keys)
+
+
 @pytest.fixture(autouse=True, scope="module")
 def warm_emulators() -> Iterator[None]:
     """Let emulators be forks, where a conftest takes this: a cold start takes a second."""

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from forked import ended
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"hdbench": "hdbench", "cli/hdbench_cli": "hdbench_cli", "profiles": "hdbench_profiles"}
@@ -37,7 +38,6 @@ def test_what_is_installed_runs_without_the_sources(installed, tmp_path):
     run = [*command, "simulate", "--duration", "1", "--out", "trace.csv"]
     subprocess.run(run, cwd=tmp_path, env=environment, check=True, capture_output=True)
     run = [*command, "filter", "trace.csv", "--out", "filtered.csv", "--json"]
-    told = subprocess.run(
-        run, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True
-    )
+    told = ended(run, cwd=tmp_path, env=environment)
+    assert told.returncode == 0, told.stderr
     assert '"kernel": "numpy' in told.stdout or '"kernel": "python' in told.stdout

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 import swinging_shaft as swinging
+from forked import ended
 
 from hdbench.batch import BatchFolder, Input, Outcome, Workers, expand_inputs, stamps_of
 from hdbench.batch.workers import _run, _Seats
@@ -118,7 +119,7 @@ def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path):
     script = Path(__file__).with_name("deaths.py")
     words = [sys.executable, str(script), str(tmp_path)]
     env = {**os.environ, "DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD": METHOD}
-    ran = subprocess.run(words, capture_output=True, text=True, env=env, check=False)
+    ran = ended(words, env=env)
     assert ran.returncode == 0, ran.stderr
     told = json.loads(ran.stdout)
     values = [value for value, _, _ in told]

@@ -1,9 +1,9 @@
 """A shell completes commands, options and names, and its script is valid in that shell."""
 
 import shutil
-import subprocess
 
 import pytest
+from forked import ended
 
 from hdbench.filter import PRESETS
 from hdbench.profile import list_profiles
@@ -30,9 +30,7 @@ def test_the_script_is_one_that_its_shell_reads(shell, hdbench):
     assert "_HDBENCH_COMPLETE" in script
     assert "to install it" in said
     if program := shutil.which(shell):
-        check = subprocess.run(
-            [program, "-n"], input=script, text=True, capture_output=True, check=False
-        )
+        check = ended([program, "-n"], input=script)
         assert check.returncode == 0, check.stderr
 
 

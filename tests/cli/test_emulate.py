@@ -6,6 +6,7 @@ import sys
 from subprocess import PIPE
 
 import pytest
+from changing import with_keys
 from forked import hdbench_process
 
 from hdbench.devices import stop_bench
@@ -27,8 +28,7 @@ def test_on_a_serial_line_it_prints_the_address_that_a_host_opens():
         assert told["address"].startswith("rtu:///dev/")
         data = load_profile("cim-tr-97-06").data
         patient = {"address": told["address"], "deadline_s": 1.5, "watchdog_s": 2.0}
-        daq = data.daq.model_copy(update=patient)
-        assert stop_bench(data.model_copy(update={"daq": daq})).confirmed
+        assert stop_bench(with_keys(data, daq=patient)).confirmed
         process.send_signal(signal.SIGTERM)
         rest, noise = process.communicate(timeout=60)
     finally:

@@ -1,10 +1,10 @@
 """A signal ends the program wherever it comes."""
 
 import signal
-import subprocess
 import sys
 
 import pytest
+from forked import ended
 
 # the signal comes while an object is cleared away: what is raised there is dropped by Python
 SCRIPT = """
@@ -27,26 +27,17 @@ time.sleep(float(sys.argv[2]))
 """
 
 
-def ended(script, *words):
-    return subprocess.run(
-        [sys.executable, "-c", script, *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
 @pytest.mark.parametrize(
     ("signum", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, -2)]
 )
 def test_a_signal_that_comes_while_something_is_cleared_away_is_not_lost(signum, code):
-    done = ended(SCRIPT, int(signum), 50)
+    done = ended([sys.executable, "-c", SCRIPT, int(signum), 50])
     assert done.returncode == code
     assert "ignored" not in done.stderr
 
 
 def test_what_else_python_cannot_raise_is_told_as_ever():
-    done = ended(SCRIPT.replace("os.kill(os.getpid(), int(sys.argv[1]))", "1 / 0"), 0, 0)
+    script = SCRIPT.replace("os.kill(os.getpid(), int(sys.argv[1]))", "1 / 0")
+    done = ended([sys.executable, "-c", script, 0, 0])
     assert "ZeroDivisionError" in done.stderr

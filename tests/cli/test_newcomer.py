@@ -7,7 +7,6 @@ import os
 import re
 import resource
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ from types import SimpleNamespace
 import click
 import numpy as np
 import pytest
+from forked import ended
 from runkit import ran
 from swinging_shaft import BENCH, record
 
@@ -87,8 +87,7 @@ def test_no_right_to_write(tmp_path):
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o555)
     words = ["filter", trace, "--model", "report-6", "--out", closed / "out.csv", "--json"]
-    command = [*without_rights(), sys.executable, "-m", "hdbench_cli", *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = ended([*without_rights(), sys.executable, "-m", "hdbench_cli", *words])
     assert "Traceback" not in done.stderr
     error = json.loads(done.stdout)["error"]
     assert (done.returncode, error["kind"]) == (7, "storage")

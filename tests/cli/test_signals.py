@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
 
 import pytest
-from forked import hdbench_process
+from forked import ended, hdbench_process
 from runkit import ran
 
 
@@ -168,9 +167,7 @@ def test_stop_stops_the_motor_of_another_run(served, tmp_path, answer):
 
 def test_ctrl_c_before_a_command_listens_leaves_no_traceback():
     code = "import hdbench_cli; raise KeyboardInterrupt"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = ended([sys.executable, "-c", code])
     assert done.stderr == "stopped\n"
     # an uncaught interrupt ends the process by its own signal: a shell says 130
     assert done.returncode == -signal.SIGINT

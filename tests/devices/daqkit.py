@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from changing import with_keys
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import Capabilities, InputInfo, ScanBlock, WatchdogInfo, WatchdogState
@@ -28,15 +29,12 @@ ABLE = Capabilities(
     enable=True,
     watchdog=WatchdogInfo(0.1, 5.0, "write", ("reference", "enable")),
 )
-_BENCH = load_profile("cim-tr-97-06").data
-_LIMITS = {"velocity_rad_s": 400.0, "torque_nm": 60.0, "current_a": 10.0}
-PROFILE = _BENCH.model_copy(
-    update={
-        "limits": _BENCH.limits.model_copy(update=_LIMITS),
-        "tacho": _BENCH.tacho.model_copy(update={"gain_rad_s_per_v": TACHO}),
-        "sensor": _BENCH.sensor.model_copy(update={"gain_nm_per_v": 6.6}),
-        "encoder": _BENCH.encoder.model_copy(update={"counts_per_turn": 4000}),
-    }
+PROFILE = with_keys(
+    load_profile("cim-tr-97-06").data,
+    limits={"velocity_rad_s": 400.0, "torque_nm": 60.0, "current_a": 10.0},
+    tacho={"gain_rad_s_per_v": TACHO},
+    sensor={"gain_nm_per_v": 6.6},
+    encoder={"counts_per_turn": 4000},
 )
 SETTINGS = HostSettings(PROFILE, roles=ROLES, watchdog_s=1.0, output=OutputChannel(limit_v=8.0))
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from changing import with_keys
 from daqkit import Clock
 from faults.lines import emulated
 from forked import forked
@@ -32,13 +33,9 @@ _REPORT = load_profile("cim-tr-97-06").data
 # how often `until` looks, s
 _GRAIN_S = 0.005
 # an encoder so fine that its counts between two samples need more than 16 bits
-PROFILE = _REPORT.model_copy(
-    update={"encoder": _REPORT.encoder.model_copy(update={"counts_per_turn": 2_000_000})}
-)
+PROFILE = with_keys(_REPORT, encoder={"counts_per_turn": 2_000_000})
 # a bench at an address, where another process takes the processor for a while
-PATIENT = PROFILE.model_copy(
-    update={"daq": PROFILE.daq.model_copy(update={"deadline_s": 1.5, "watchdog_s": 2.0})}
-)
+PATIENT = with_keys(PROFILE, daq={"deadline_s": 1.5, "watchdog_s": 2.0})
 VELOCITY_PER_VOLT = PROFILE.servo.velocity_gain_rad_s_per_v
 
 

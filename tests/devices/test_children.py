@@ -5,6 +5,8 @@ import subprocess
 import sys
 
 import pytest
+from changing import with_keys
+from forked import ended
 
 from hdbench.devices.emulator import process
 from hdbench.devices.guard.order import order_of
@@ -48,13 +50,9 @@ def folder(tmp_path):
     return tmp_path
 
 
-def ran(words, **keys):
-    return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, **keys)
-
-
 def test_modules_of_the_users_folder_are_no_standard_library(folder):
     program = RUN.format(folder=folder)
-    done = ran([sys.executable, "-P", "-c", program], cwd=folder)
+    done = ended([sys.executable, "-P", "-c", program], cwd=folder)
     assert (done.returncode, done.stdout) == (0, 3 * "True\n"), done.stderr
 
 
@@ -62,10 +60,10 @@ def test_a_driver_that_the_guard_calls_is_not_shadowed_either(folder):
     data = load_profile("cim-tr-97-06").data
     static = load_profile("seneca-z-sg").data
     order = order_of(static)
-    nobody = data.daq.model_copy(update={"address": "tcp://127.0.0.1:1"})
-    told = data.model_copy(update={"daq": nobody}).model_dump_json(exclude_none=True)
+    nobody = with_keys(data, daq={"address": "tcp://127.0.0.1:1"})
+    told = nobody.model_dump_json(exclude_none=True)
     environment = {**os.environ, "PYTHONPATH": str(folder)}
-    done = ran(order.command, input=told, cwd=folder, env=environment)
+    done = ended(order.command, input=told, cwd=folder, env=environment)
     assert "no connection" in done.stdout, done.stderr
     assert done.returncode == 5
 

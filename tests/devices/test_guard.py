@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from changing import with_keys
+from forked import ended
 from nodekit import PROFILE, driver, host, proxy, served, until
 from serial import Serial
 from stopwatch import Stopwatch
@@ -48,7 +50,7 @@ def told(order_or_target):
 
 
 def profile_at(address):
-    return PROFILE.model_copy(update={"daq": PROFILE.daq.model_copy(update={"address": address})})
+    return with_keys(PROFILE, daq={"address": address})
 
 
 def guarding(bench, start_guard):
@@ -336,9 +338,8 @@ def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
         "main()", "import serial, hdbench.devices.wire.rtu, hdbench.devices.wire.tcp, sys; "
         "print(*sorted({name.partition('.')[0] for name in sys.modules}))"
     )  # fmt: skip
-    done = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", loads], capture_output=True, text=True, check=True
-    )
+    done = ended([sys.executable, "-I", "-S", "-c", loads])
+    assert done.returncode == 0, done.stderr
     names = set(done.stdout.split())
     assert {"json", "hdbench", "process"} <= names
     assert names - sys.stdlib_module_names == {"__main__", "hdbench", "process", "serial"}
@@ -380,8 +381,7 @@ def test_every_bench_that_moves_has_bytes_for_its_guard(name):
     update = {"address": "tcp://127.0.0.1:502"}
     if hasattr(table, "outputs"):
         update = {"outputs": table.outputs.model_copy(update=update)}
-    data = data.model_copy(update={"daq": table.model_copy(update=update)})
-    order = order_of(data)
+    order = order_of(with_keys(data, daq=update))
     assert order.command == ()
     (target,) = order.targets
     assert target.acts
@@ -394,9 +394,7 @@ def test_a_driver_without_known_bytes_is_made_safe_through_itself(tmp_path):
     assert order.command
     with turning(tmp_path) as (node, _):
         told = profile_at(f"tcp://{node.host}:{node.port}").model_dump_json(exclude_none=True)
-        done = subprocess.run(
-            order.command, input=told, capture_output=True, text=True, timeout=30, check=False
-        )
+        done = ended(order.command, input=told)
         assert done.returncode == 0, done.stdout + done.stderr
         assert motor(node) == 0.0
 

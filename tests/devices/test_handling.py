@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from changing import with_keys
 from plant_tools import AS_MODELLED, quiet_profile
 
 from hdbench.devices.operator import Mistake, Mistakes, SimulatedOperator, parse_mistakes
@@ -78,8 +79,7 @@ def test_a_shunt_adds_what_four_equal_arms_give() -> None:
     parallel = 350.0 * 200e3 / (350.0 + 200e3)
     by_hand = 10.0 * (0.5 - parallel / (350.0 + parallel)) * 1000.0
     profile = quiet_profile()
-    plan = profile.calibration.model_copy(update={"shunt": ShuntCheck(resistor_ohm=200e3)})
-    profile = profile.model_copy(update={"calibration": plan})
+    profile = with_keys(profile, calibration={"shunt": ShuntCheck(resistor_ohm=200e3)})
     assert shunt_volts(profile, 200e3) == pytest.approx(by_hand, rel=1e-9)
     assert shunt_volts(profile, 0.0) == 0.0
     bench = SimulatedBench(profile, AS_MODELLED, 7)

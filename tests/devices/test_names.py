@@ -4,6 +4,7 @@ import socket
 import time
 
 import pytest
+from changing import with_keys
 from stopwatch import Stopwatch
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
@@ -96,8 +97,8 @@ def test_the_guard_and_other_children_get_numbers_and_tls_keeps_its_name(monkeyp
     monkeypatch.setattr(socket, "getaddrinfo", Resolver("192.0.2.7"))
     files = TlsFiles(certificate="c", key="k", authority="a")
     data = load_profile("cim-tr-97-06").data
-    table = data.daq.model_copy(update={"address": "tls://bench-7:802", "tls": files})
-    (target,) = order_of(opening._numbered(data.model_copy(update={"daq": table}))).targets
+    data = with_keys(data, daq={"address": "tls://bench-7:802", "tls": files})
+    (target,) = order_of(opening._numbered(data)).targets
     assert target.place["host"] == "192.0.2.7"
     assert target.place["tls"]["server_name"] == "bench-7"
 

@@ -1,6 +1,7 @@
 """A device that is too slow is told from the profile alone, before anything is opened."""
 
 import pytest
+from changing import with_keys
 
 from hdbench.devices.driver import driver_of
 from hdbench.devices.feasibility import check_pace
@@ -13,8 +14,7 @@ ALL = ("torque", "tacho", "current", "reference", "encoder")
 
 
 def at(address, channels=ALL):
-    daq = DATA.daq.model_copy(update={"address": address, "channels": channels})
-    return DATA.model_copy(update={"daq": daq})
+    return with_keys(DATA, daq={"address": address, "channels": channels})
 
 
 def rate_limit_hz(table):

@@ -1,12 +1,12 @@
 """Drivers by name, those of other packages too; a broken one is told, not fatal."""
 
 import re
-import subprocess
 import sys
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import pytest
+from forked import ended
 
 from hdbench.devices.driver import drivers, open_daq
 from hdbench.devices.wire.address import parse_address
@@ -115,7 +115,7 @@ def test_a_driver_of_another_package_may_bring_its_own_table(tmp_path):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
     words = [sys.executable, tmp_path / "host.py"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    done = ended(words)
     assert done.returncode == 0, done.stderr
     rate, schema, problems, *told = done.stdout.splitlines()
     assert (rate, schema) == ("30.0", "True")

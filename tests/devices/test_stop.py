@@ -4,6 +4,7 @@ import time
 from contextlib import ExitStack, closing
 
 import pytest
+from changing import with_keys
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.driver import open_daq
@@ -29,8 +30,7 @@ def test_inputs_that_do_not_answer_do_not_keep_the_outputs_from_being_stopped(tm
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
         there = opening._at(data, found, deadline_s=0.9)
         gone = there.daq.inputs.model_copy(update={"address": f"serial://{tmp_path}/gone"})
-        there = there.model_copy(update={"daq": there.daq.model_copy(update={"inputs": gone})})
-        safe = stop_bench(there)
+        safe = stop_bench(with_keys(there, daq={"inputs": gone}))
     assert safe.reference_v == pytest.approx(0.0, abs=0.01)
     assert not safe.confirmed, "nobody has seen the motor stand"
 

@@ -2,13 +2,13 @@
 
 import re
 import shutil
-import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
 import yaml
+from forked import ended
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 import docs_reference
@@ -66,13 +66,7 @@ def test_the_committed_reference_is_what_the_code_says(site):
 
 def test_the_site_builds_without_a_warning_and_fetches_nothing(site):
     pytest.importorskip("zensical")
-    done = subprocess.run(
-        [str(Path(sys.executable).with_name("zensical")), "build", "--strict"],
-        cwd=site,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ended([Path(sys.executable).with_name("zensical"), "build", "--strict"], cwd=site)
     assert done.returncode == 0, done.stdout + done.stderr
     pages = list((site / "build" / "site").rglob("*.html"))
     assert len(pages) >= len(list((site / "docs").rglob("*.md")))

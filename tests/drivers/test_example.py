@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from forked import ended
+
 from hdbench.profile import load_profile
 
 ROOT = Path(__file__).parents[2]
@@ -62,15 +64,11 @@ def answered(folder):
         "profile": ["check", "wrong.toml"],
     }
     places = [str(folder / "site"), *filter(None, sys.path)]
-    done = subprocess.run(
+    done = ended(
         [sys.executable, "-c", SCRIPT],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(places)},
         input=json.dumps([[name, *words] for name, words in commands.items()]),
         cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
     )
     assert done.returncode == 0, done.stderr
     return dict(zip(commands, json.loads(done.stdout), strict=True))

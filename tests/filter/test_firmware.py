@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import ended
 from kernel_models import KINDS, new_state, run, slow_block
 
 from hdbench.errors import StorageError
@@ -73,9 +74,7 @@ def exported(model: FilterModel, folder: Path) -> Path:
 
 
 def make(folder: Path, *targets: str) -> str:
-    found = subprocess.run(
-        ["make", "-s", *targets], cwd=folder, capture_output=True, text=True, check=False
-    )
+    found = ended(["make", "-s", *targets], cwd=folder)
     assert found.returncode == 0, found.stdout + found.stderr
     return found.stdout
 
@@ -117,7 +116,7 @@ def test_the_self_test_fails_where_the_numbers_are_others(bench, tmp_path):
     folder = exported(preset("report-6", bench), tmp_path)
     header = folder / "hdb_model.h"
     header.write_text(header.read_text().replace(".order = (hdb_real)4,", ".order = (hdb_real)5,"))
-    found = subprocess.run(["make", "-s"], cwd=folder, capture_output=True, text=True, check=False)
+    found = ended(["make", "-s"], cwd=folder)
     assert found.returncode != 0
     assert "FAILED" in found.stdout
 

@@ -7,7 +7,6 @@ them all.
 import os
 import random
 import shlex
-import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import ended
 from publicdata import DATA, needs_data
 
 from hdbench.errors import DataError, HdbenchError, UsageError
@@ -200,13 +200,8 @@ except ChildProcessError:
 def test_a_process_of_one_thread_reads_by_a_fork_under_the_same_limits(tmp_path, monkeypatch):
     file = library(monkeypatch, tmp_path, "bytearray(1 << 30)")
     paths = os.pathsep.join(path for path in sys.path if path)
-    ran = subprocess.run(
-        [sys.executable, "-c", _ALONE, str(file)],
-        env={**os.environ, "PYTHONPATH": paths},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    ran = ended([sys.executable, "-c", _ALONE, file], env={**os.environ, "PYTHONPATH": paths})
+    assert ran.returncode == 0, ran.stderr
     refused, *read = ran.stdout.splitlines()
     assert "more memory than there is" in refused
     assert read == ["Fork time speed torque", "200 1.3", "no child is left"]

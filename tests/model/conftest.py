@@ -3,6 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from changing import with_keys
 
 from hdbench.model import Motion
 from hdbench.profile import Profile, ProfileData
@@ -16,8 +17,7 @@ def bench(profile: Profile) -> ProfileData:
 @pytest.fixture(scope="session")
 def turning(bench: ProfileData) -> ProfileData:
     """The same bench with a flexspline that turns."""
-    drive = bench.drive.model_copy(update={"flexspline": "turning"})
-    return bench.model_copy(update={"drive": drive})
+    return with_keys(bench, drive={"flexspline": "turning"})
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from changing import with_keys
 
 from hdbench.errors import DataError
 from hdbench.model import (
@@ -48,9 +49,7 @@ def test_further_orders_of_the_profile_join_the_baseline_once(bench, turning):
     sixth = HarmonicParameters(order=6.0, amplitude_nm=0.1)
 
     def orders(base: ProfileData, **changes: object) -> tuple[float, ...]:
-        return baseline_orders(
-            base.model_copy(update={"model": bench.model.model_copy(update=changes)})
-        )
+        return baseline_orders(with_keys(base, model=changes))
 
     assert orders(bench, ripple=(*bench.model.ripple, sixth)) == (2.0, 4.0, 6.0)
     assert orders(bench, ripple=()) == (2.0, 4.0)

@@ -3,6 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from changing import with_keys
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
@@ -217,8 +218,7 @@ def test_further_channels_come_along():
 
 def test_the_motion_knows_whether_the_gauges_turn():
     trace = Trace({"time_s": np.arange(9.0), "tacho_v": np.ones(9)})
-    drive = BENCH.drive.model_copy(update={"flexspline": "turning", "gear_ratio": 50.0})
-    turning = BENCH.model_copy(update={"drive": drive})
+    turning = with_keys(BENCH, drive={"flexspline": "turning", "gear_ratio": 50.0})
     assert motion_from_trace(trace, BENCH).gauge_factor == 1.0
     # 1 + 1/50, exact to one rounding
     assert motion_from_trace(trace, turning).gauge_factor == pytest.approx(1.02, rel=1e-15, abs=0)

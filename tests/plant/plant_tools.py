@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from changing import with_keys
+
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.converter import RawSamples
 from hdbench.plant.plantfile import PlantFile, PlantSpec, load_plant
@@ -11,9 +13,7 @@ from hdbench.profile.schema import ReferenceWave
 
 def profile(**changes: dict[str, Any]) -> ProfileData:
     """Return the report's bench with keys of its tables replaced."""
-    data = load_profile("cim-tr-97-06").data
-    tables = {name: getattr(data, name).model_copy(update=new) for name, new in changes.items()}
-    return data.model_copy(update=tables)
+    return with_keys(load_profile("cim-tr-97-06").data, **changes)
 
 
 def quiet_profile(**changes: dict[str, Any]) -> ProfileData:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from changing import with_keys
 from known_traces import Truth, bench, covers, drawn_runs, known_trace, reversing_velocity, scale
 from publicdata import DATA, needs_data
 from scipy.stats import binom
@@ -249,8 +250,7 @@ def test_truth_of_the_traces_is_the_models():
 
 
 def test_a_turning_flexspline_is_evaluated_at_the_orders_its_gauges_see():
-    drive = BENCH.drive.model_copy(update={"flexspline": "turning"})
-    turning = BENCH.model_copy(update={"drive": drive})
+    turning = with_keys(BENCH, drive={"flexspline": "turning"})
     rng = np.random.default_rng(7)
     time_s = np.arange(20_000) * 1e-3
     angle = 100.0 * time_s

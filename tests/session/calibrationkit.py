@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from changing import with_keys
 from fakes import WHOLE, FakeBench, opened, task_in
 
 from hdbench.records.journal import read_journal
@@ -20,7 +21,7 @@ _SHORT = {
     "low_masses_kg": (0.0, 0.5, 1.0),
 }
 _DATA = WHOLE.data
-PROFILE = _DATA.model_copy(update={"calibration": _DATA.calibration.model_copy(update=_SHORT)})
+PROFILE = with_keys(_DATA, calibration=_SHORT)
 LEVER = PROFILE.arm.gravity_m_s2 * PROFILE.arm.length_m
 GAIN = PROFILE.sensor.gain_nm_per_v
 

@@ -4,6 +4,7 @@ import json
 import math
 
 import pytest
+from changing import with_keys
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
@@ -80,14 +81,12 @@ def test_a_shunt_in_the_profile_is_checked_before_the_first_weight() -> None:
     from hdbench.profile.calibrating import ShuntCheck
 
     shunt = ShuntCheck(resistor_ohm=87150.0)
-    plan = PROFILE.calibration.model_copy(update={"shunt": shunt})
-    points = calibration_points(PROFILE.model_copy(update={"calibration": plan}))
+    points = calibration_points(with_keys(PROFILE, calibration={"shunt": shunt}))
     assert [p.role for p in points[:3]] == ["zero-check", "shunt", "reading"]
 
 
 def test_pan_and_hook_add_to_the_torque_of_a_weight_but_not_to_the_zero() -> None:
-    arm = PROFILE.arm.model_copy(update={"tare_kg": 0.2})
-    points = calibration_points(PROFILE.model_copy(update={"arm": arm}), "report")
+    points = calibration_points(with_keys(PROFILE, arm={"tare_kg": 0.2}), "report")
     torques = {p.mass_kg: p.torque_nm for p in points if p.experiment == "p1-cw-full"}
     assert torques[0.0] == 0.0
     assert torques[2.0] == pytest.approx(2.2 * 9.80650 * 0.5, rel=1e-12)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from calibrationkit import GAIN, LEVER, PROFILE, FakeHands, Scripted, blocks, make_walk, walked
+from changing import with_keys
 from fakes import FakeBench
 
 from hdbench.errors import BusyError, DeviceError, Stopped
@@ -86,8 +87,7 @@ def test_the_last_reading_can_be_repeated_before_it_is_finished(tmp_path: Path) 
 
 
 def test_there_is_no_way_back_over_a_mounting(tmp_path: Path) -> None:
-    plan = PROFILE.calibration.model_copy(update={"positions": 2})
-    profile = PROFILE.model_copy(update={"calibration": plan})
+    profile = with_keys(PROFILE, calibration={"positions": 2})
     talk = Scripted([("p2-cw-low 1 of 5", Answer.BACK), ("p1-cw-low 1 of 5", Answer.BACK)])
     walked(tmp_path, talk=talk, profile=profile)
     assert sum("no reading to go back to" in line for line in talk.told) == 1
@@ -152,19 +152,17 @@ def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path: Path) -> None
 
 
 def test_a_bridge_without_room_for_the_heaviest_weight_is_told(tmp_path: Path) -> None:
-    daq = PROFILE.daq.model_copy(update={"range_v": 0.75})
     talk = Scripted([("the range ends at", Answer.ACCEPT)])
-    walked(tmp_path, talk=talk, profile=PROFILE.model_copy(update={"daq": daq}))
+    walked(tmp_path, talk=talk, profile=with_keys(PROFILE, daq={"range_v": 0.75}))
     assert any("the range ends at 0.75 V" in text for text in talk.asked("gross-error"))
 
 
 def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path: Path) -> None:
     shunt = ShuntCheck(resistor_ohm=87150.0, expected_v=1.2, tolerance=0.01)
-    plan = PROFILE.calibration.model_copy(update={"shunt": shunt})
     bench = FakeBench()
     hands = FakeHands(bench)
     talk = Scripted([("the shunt changes the reading", Answer.ACCEPT)])
-    profile = PROFILE.model_copy(update={"calibration": plan})
+    profile = with_keys(PROFILE, calibration={"shunt": shunt})
     walked(tmp_path, talk=talk, bench=bench, hands=hands, profile=profile)
     assert hands.shunts == [True, False]
     (question,) = talk.asked("gross-error")

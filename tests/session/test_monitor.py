@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from changing import with_keys
 from faults.mangler import Mangler, TcpFraming
 
 from hdbench.devices.emulator.node import build_core
@@ -88,8 +89,7 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
 
 
 def test_a_bench_without_an_encoder_is_watched_by_what_it_has() -> None:
-    daq = PROFILE.data.daq.model_copy(update={"channels": ("torque", "tacho")})
-    bare = replace(PROFILE, data=PROFILE.data.model_copy(update={"daq": daq}))
+    bare = replace(PROFILE, data=with_keys(PROFILE.data, daq={"channels": ("torque", "tacho")}))
     told = look(Seen(), 0.1, profile=bare).channels
     assert told["torque_nm"]["n"] == 100
     assert told["motor_angle_rad"]["n"] == 0
@@ -126,8 +126,8 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
                 seen.frames.append(frame)
 
         # two replies in a row may be lost, or come late on a busy machine
-        patient = profile.daq.model_copy(update={"deadline_s": 1.0, "watchdog_s": 2.0})
-        patient = replace(PROFILE, data=profile.model_copy(update={"daq": patient}))
+        patient = with_keys(profile, daq={"deadline_s": 1.0, "watchdog_s": 2.0})
+        patient = replace(PROFILE, data=patient)
         found = look(Spoiling(), 1.5, profile=patient, address=address, plant="")
     assert found.samples == 1500
     retries = [frame.retries for frame in seen.frames]

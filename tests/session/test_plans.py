@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from changing import with_keys
 
 from hdbench.devices.feasibility import check_drives
 from hdbench.errors import ProfileError, UsageError
@@ -51,9 +52,8 @@ def test_a_limit_check_does_not_let_nan_through() -> None:
 
 
 def test_a_load_beyond_the_converter_s_range_is_refused_before_anything_is_hung() -> None:
-    sensor = PROFILE.sensor.model_copy(update={"gain_nm_per_v": 3.0})
     with pytest.raises(UsageError, match=r"would read 13\.08 V; the range ends at 10 V"):
-        check_plan(calibration_plan(PROFILE), PROFILE.model_copy(update={"sensor": sensor}))
+        check_plan(calibration_plan(PROFILE), with_keys(PROFILE, sensor={"gain_nm_per_v": 3.0}))
 
 
 def plan(wave, duration_s=4.0, period_s=1e-3):
@@ -67,8 +67,7 @@ def sine(amplitude_v, frequency_hz):
 
 
 def limited(travel_rad):
-    limits = PROFILE.limits.model_copy(update={"travel_rad": travel_rad})
-    return PROFILE.model_copy(update={"limits": limits})
+    return with_keys(PROFILE, limits={"travel_rad": travel_rad})
 
 
 def test_a_motion_beyond_the_limit_of_travel_is_refused_from_the_profile_alone():
@@ -98,6 +97,5 @@ def test_a_bench_that_can_drive_may(name):
 
 def test_what_a_device_does_not_have_is_refused_from_the_profile_alone():
     data = load_profile("labjack-t7").data
-    other = data.model_copy(update={"daq": data.daq.model_copy(update={"model": "T8"})})
     with pytest.raises(ProfileError, match="T8 is not supported"):
-        check_plan(plan(None), other)
+        check_plan(plan(None), with_keys(data, daq={"model": "T8"}))

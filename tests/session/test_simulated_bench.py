@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from changing import with_keys
 from fakes import quiet
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening
@@ -50,13 +51,8 @@ def quick(name: str, found):
         "full_masses_kg": (0.0, 8.0),
         "average_s": 0.5,
     }
-    data = data.model_copy(
-        update={
-            "calibration": data.calibration.model_copy(update=calibration),
-            "ripple": data.ripple.model_copy(update={"duration_s": 4.0, "reference": WAVE}),
-        }
-    )
-    return replace(profile, data=data)
+    ripple = {"duration_s": 4.0, "reference": WAVE}
+    return replace(profile, data=with_keys(data, calibration=calibration, ripple=ripple))
 
 
 def moved(record: Path) -> bool:

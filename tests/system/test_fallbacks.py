@@ -11,6 +11,7 @@ import time
 import types
 
 import pytest
+from changing import with_keys
 from serial import Serial
 
 from hdbench.devices import AcquisitionSettings, open_bench
@@ -164,8 +165,7 @@ def polled(monkeypatch):
 def test_a_serial_node_moves_and_stops_by_pyserial_alone(polled):
     data = load_profile("node-rtu").data
     # a busy machine is no fault of the line
-    patient = data.daq.model_copy(update={"deadline_s": 1.0, "watchdog_s": 2.0})
-    data = data.model_copy(update={"daq": patient})
+    data = with_keys(data, daq={"deadline_s": 1.0, "watchdog_s": 2.0})
     with (
         running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found,
         open_bench(_at(data, found)) as bench,

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from changing import with_keys
 
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
@@ -17,14 +18,9 @@ WAVE = ReferenceWave(
 def shortened(name: str):
     """Return a profile whose experiments take a few seconds."""
     profile = load_profile(name)
-    data = profile.data
-    shorter = data.model_copy(
-        update={
-            "misalignment": data.misalignment.model_copy(update={"velocity_rad_s": 350.0}),
-            "ripple": data.ripple.model_copy(update={"duration_s": 4.0, "reference": WAVE}),
-        }
-    )
-    return replace(profile, data=shorter)
+    ripple = {"duration_s": 4.0, "reference": WAVE}
+    data = with_keys(profile.data, misalignment={"velocity_rad_s": 350.0}, ripple=ripple)
+    return replace(profile, data=data)
 
 
 def measured(kind: str, name: str, out: Path) -> dict:

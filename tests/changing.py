@@ -1,0 +1,11 @@
+"""Profiles with some keys changed."""
+
+from typing import Any
+
+from hdbench.profile import ProfileData
+
+
+def with_keys(data: ProfileData, **tables: dict[str, Any]) -> ProfileData:
+    """Return a profile with keys of its tables replaced."""
+    changed = {name: getattr(data, name).model_copy(update=new) for name, new in tables.items()}
+    return data.model_copy(update=changed)
