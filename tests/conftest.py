@@ -44,8 +44,8 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Return one worker more than there are cores: a worker waits a quarter of its time."""
-    return (os.cpu_count() or 1) + 1
+    """Return two workers more than there are cores: a worker waits a third of its time."""
+    return (os.cpu_count() or 1) + 2
 
 
 @pytest.fixture
