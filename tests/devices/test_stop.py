@@ -25,16 +25,6 @@ def test_a_bench_that_nobody_runs_is_stopped_and_confirmed(name):
     assert abs(safe.velocity_rad_s) < 0.5
 
 
-def test_inputs_that_do_not_answer_do_not_keep_the_outputs_from_being_stopped(tmp_path):
-    data = load_profile("di-2108-ek9000").data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        there = opening._at(data, found, deadline_s=0.9)
-        gone = there.daq.inputs.model_copy(update={"address": f"serial://{tmp_path}/gone"})
-        safe = stop_bench(with_keys(there, daq={"inputs": gone}))
-    assert safe.reference_v == pytest.approx(0.0, abs=0.01)
-    assert not safe.confirmed, "nobody has seen the motor stand"
-
-
 def test_a_labjack_that_another_session_drives_is_stopped(tmp_path):
     data = load_profile("labjack-t7").data
     with ExitStack() as stack:
@@ -62,12 +52,15 @@ def test_the_embedded_bench_has_nobody_else_to_stop_it():
         stop_bench(load_profile("cim-tr-97-06"), address="embedded")
 
 
-@pytest.mark.parametrize("what", ["name", "line"])
-def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, monkeypatch):
-    """A name server that is down, or a frozen run on the inputs' line, keeps no motor running."""
+@pytest.mark.parametrize("what", ["port", "name", "line"])
+def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, tmp_path, monkeypatch):
+    """No such port, a name server that is down, a frozen run on the line: the motor stops."""
     data = load_profile("di-2108-ek9000").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
         there = opening._at(data, found, deadline_s=0.9)
+        if what == "port":
+            gone = there.daq.inputs.model_copy(update={"address": f"serial://{tmp_path}/gone"})
+            there = with_keys(there, daq={"inputs": gone})
         inputs = there.daq.inputs.address
 
         def number(address):
@@ -79,8 +72,9 @@ def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, monkeypatc
             if address == inputs and what == "line":
                 raise BusyError("a run that does not end has it", where=address, fix="kill it")
 
-        monkeypatch.setattr(opening, "numbered", number)
-        monkeypatch.setattr(opening, "release", release)
+        if what != "port":
+            monkeypatch.setattr(opening, "numbered", number)
+            monkeypatch.setattr(opening, "release", release)
         safe = stop_bench(there)
     assert safe.reference_v == pytest.approx(0.0, abs=0.01)
     assert "but" in safe.detail
