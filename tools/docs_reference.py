@@ -21,8 +21,7 @@ from typing import Any, Union, get_args, get_origin
 import click
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-
-from hdbench.results.reference import KINDS, json_schema, keys_of
+from result_keys import KINDS, json_schema, keys_of
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "reference"

@@ -1,6 +1,7 @@
 """Result types: what evaluations write, what is read back, and the reference made of them."""
 
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,10 @@ from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.results import CalibrationResult, DiagnosisResult, MisalignmentResult, RippleResult
-from hdbench.results.reference import KINDS, ResultKey, json_schema, keys_of
 from hdbench.session import evaluate_stored
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+from result_keys import KINDS, ResultKey, json_schema, keys_of
 
 STORED = Path(__file__).parents[1] / "stored"
 TYPES = {
