@@ -14,41 +14,13 @@ from hdbench.importing.listing import ChannelFacts
 from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
 from hdbench.importing.units import bare_name, target_unit, unit_scale
+from hdbench.system.files import packaged_toml
 
-# words that name a quantity, the more telling ones first: English, German, French, Italian, Spanish
-_WORDS = {
-    "motor_angle_rad": (
-        *("position", "pos", "angle", "theta", "phi", "winkel", "posizione", "angolo"),
-        *("posición", "ángulo", "qm", "q"),
-    ),
-    "motor_velocity_rad_s": (
-        *("velocity", "vel", "speed", "omega", "drehzahl", "geschwindigkeit", "vitesse"),
-        *("velocità", "velocidad", "rpm", "qd", "dq", "qdot", "w"),
-    ),
-    "torque_nm": (
-        *("torque", "effort", "tau", "drehmoment", "moment", "couple", "coppia", "trq"),
-        "load",
-    ),
-    "torque_v": ("torque", "drehmoment", "moment", "couple", "coppia", "trq", "load"),
-    "motor_current_a": ("current", "iq", "strom", "courant", "corrente", "corriente", "amps"),
-    "temperature_c": ("temperature", "temp", "temperatur", "température", "temperatura"),
-}
-# what was asked for or estimated is not what was measured
-_NOT_MEASURED = {"goal", "desired", "des", "target", "cmd", "command", "commanded", "ref"}
-_NOT_MEASURED |= {"reference", "setpoint", "soll", "ext", "external", "error", "err", "std", "var"}
-_NOT_MEASURED |= {"covariance", "filtered", "est", "estimate", "estimated", "limit", "max", "min"}
-_NOT_MEASURED |= {"consigne", "consigna", "riferimento"}
-# these say something of a quantity and are none
-_NO_QUANTITY = {"enable", "enabled", "mode", "status", "flag", "state", "valid"}
-_TIME_WORDS = {"t", "ts", "time", "zeit", "stamp", "timestamp", "zeitstempel", "elapsed"}
-_TIME_WORDS |= {"temps", "tempo", "tiempo", "millis", "micros"}
+_TOLD = packaged_toml(__package__, "words.toml")
+_WORDS = {target: words.split() for target, words in _TOLD["quantities"].items()}
+_KINDS = {kind: words.split() for kind, words in _TOLD["kinds"].items()}
 _COUNTED = ("torque_nm", "motor_angle_rad", "motor_velocity_rad_s", "motor_current_a")
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
-_OUTPUT_WORDS = {"joint", "output", "link", "load", "abtrieb", "gelenk", "sortie", "uscita"}
-_OUTPUT_WORDS |= {"salida"}
-_MOTOR_WORDS = {"motor", "input", "rotor", "antrieb", "moteur", "motore"}
-# of German words that are joined the last one says what it is: Abtriebsdrehzahl
-_HEADS = {"winkel", "drehzahl", "geschwindigkeit", "drehmoment", "moment", "strom", "temperatur"}
 # shorter words begin others by chance
 _COMPOUND = 4
 _SPLIT = re.compile(r"[\W\d_]+|(?<=[a-z])(?=[A-Z])")
@@ -116,7 +88,7 @@ def _says(tokens: Iterable[str], words: Iterable[str]) -> bool:
 def _is_behind(channel: Channel) -> bool:
     """Return whether a channel is named as one of the side behind the gear."""
     tokens = [*_tokens(channel.clock), *_tokens(channel.name.replace("/", " "))]
-    return _says(tokens, _OUTPUT_WORDS) and not _says(tokens, _MOTOR_WORDS)
+    return _says(tokens, _KINDS["output"]) and not _says(tokens, _KINDS["motor"])
 
 
 def _joint(channel: Channel) -> str:
@@ -135,10 +107,10 @@ def _rank(facts: ChannelFacts, target: str) -> tuple[int, str]:
     if facts.is_text or facts.least is None or channel.is_time:
         return 0, ""
     tokens = _tokens(channel.name)
-    heads = [head for head in _HEADS for token in tokens if token.endswith(head)]
+    heads = [head for head in _KINDS["heads"] for token in tokens if token.endswith(head)]
     word = next((w for w in _WORDS[target] if w in tokens or w in heads), None)
     scale = unit_scale(channel.unit, target_unit(target)) if channel.unit else None
-    if (scale is not None and scale.is_nan()) or _says(tokens, _NO_QUANTITY):
+    if (scale is not None and scale.is_nan()) or _says(tokens, _KINDS["no_quantity"]):
         return 0, ""
     # only a unit tells volts, and only a known one is asked for no factor
     if target == "torque_v" and (scale is None or word is None):
@@ -162,14 +134,14 @@ def _rank(facts: ChannelFacts, target: str) -> tuple[int, str]:
 def time_candidate(channels: Sequence[Channel]) -> Channel | None:
     """Return the channel that is named as a time; one that the file gives as such comes first."""
     own = [c for c in channels if c.is_time]
-    named = [c for c in channels if _TIME_WORDS.intersection(_tokens(c.name))]
+    named = [c for c in channels if set(_KINDS["time"]).intersection(_tokens(c.name))]
     united = [c for c in channels if unit_scale(c.unit, "s") is not None and is_unit(c, "s")]
     return next(iter([*own, *named, *united]), None)
 
 
 def is_measured(name: str) -> bool:
     """Return whether a channel's name does not say that it was asked for or estimated."""
-    return not _says(_tokens(name), _NOT_MEASURED)
+    return not _says(_tokens(name), _KINDS["not_measured"])
 
 
 def is_unit(channel: Channel, wanted: str) -> bool:

@@ -6,6 +6,7 @@ import re
 from decimal import Decimal
 
 from hdbench.records.trace import unit_of_column
+from hdbench.system.files import packaged_toml
 
 # a number in brackets is a place in a list
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[(\[](?P<unit>(?!\s*\d+\s*[)\]])[^()\[\]]{1,16})[)\]]\s*")
@@ -19,64 +20,17 @@ _PER_BEHIND = re.compile(
 _TIME = re.compile(
     r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
 )
-# pi/30, pi/180 and 2 pi to 28 digits; pound and foot-pound by their international definitions
-_PER_RPM = Decimal("0.1047197551196597746154214461")
-_PER_DEGREE = Decimal("0.01745329251994329576923690769")
-_PER_TURN = Decimal("6.283185307179586476925286767")
-_POUND_KG = Decimal("0.45359237")
-_KILOPOND_N = Decimal("9.80665")
-_FOOT_POUND_NM = Decimal("1.3558179483314004")
-_SCALES: dict[str, dict[str, Decimal]] = {
-    "s": {
-        **dict.fromkeys(("s", "sec", "second", "seconds"), Decimal(1)),
-        **dict.fromkeys(("ms", "msec", "milliseconds"), Decimal("0.001")),
-        **dict.fromkeys(("us", "µs", "μs"), Decimal("0.000001")),
-        **dict.fromkeys(("ns", "nanoseconds"), Decimal("0.000000001")),
-        "min": Decimal(60),
-    },
-    "rad/s": {
-        **dict.fromkeys(("rad/s", "rad/sec", "rad s-1", "radians/s"), Decimal(1)),
-        **dict.fromkeys(("rpm", "1/min", "min-1", "min^-1", "r/min", "u/min"), _PER_RPM),
-        **dict.fromkeys(("tr/min", "giri/min", "upm"), _PER_RPM),
-        **dict.fromkeys(("deg/s", "°/s", "degrees/s"), _PER_DEGREE),
-        **dict.fromkeys(("rev/s", "1/s"), _PER_TURN),
-        **dict.fromkeys(("deg/sec", "°/sec", "dps"), _PER_DEGREE),
-        **dict.fromkeys(("rev/min", "turns/min"), _PER_RPM),
-        **dict.fromkeys(("rev/sec", "turns/s"), _PER_TURN),
-        "rad/min": Decimal(1) / 60,
-        "mrad/s": Decimal("0.001"),
-        "krpm": _PER_RPM * 1000,
-    },
-    "rad": {
-        **dict.fromkeys(("rad", "radian", "radians"), Decimal(1)),
-        "mrad": Decimal("0.001"),
-        **dict.fromkeys(
-            ("deg", "°", "degree", "degrees", "degrés", "gradi", "grados"), _PER_DEGREE
-        ),
-        **dict.fromkeys(("rev", "turns", "turn"), _PER_TURN),
-    },
-    "N m": {
-        **dict.fromkeys(("nm", "newtonmeter", "newtonmetre"), Decimal(1)),
-        "mnm": Decimal("0.001"),
-        "knm": Decimal(1000),
-        "ncm": Decimal("0.01"),
-        "nmm": Decimal("0.001"),
-        **dict.fromkeys(("kgfm", "kpm"), _KILOPOND_N),
-        **dict.fromkeys(("kgfcm", "kpcm", "kgcm"), _KILOPOND_N / 100),
-        **dict.fromkeys(("gfcm", "gcm"), _KILOPOND_N / 100_000),
-        **dict.fromkeys(("ozin", "ozfin", "inoz"), _FOOT_POUND_NM / 192),
-        **dict.fromkeys(("ftlb", "ftlbf", "lbft", "lbfft"), _FOOT_POUND_NM),
-        **dict.fromkeys(("inlb", "inlbf", "lbin", "lbfin"), _FOOT_POUND_NM / 12),
-    },
-    "V": {
-        **dict.fromkeys(("v", "volt", "volts"), Decimal(1)),
-        **dict.fromkeys(("mv", "millivolt", "millivolts"), Decimal("0.001")),
-        **dict.fromkeys(("uv", "µv", "μv"), Decimal("0.000001")),
-    },
-    "A": {**dict.fromkeys(("a", "amp", "amps", "ampere"), Decimal(1)), "ma": Decimal("0.001")},
-    "degC": dict.fromkeys(("c", "°c", "degc", "deg c"), Decimal(1)),
-    "kg": {"kg": Decimal(1), "g": Decimal("0.001"), "lb": _POUND_KG, "lbs": _POUND_KG},
-}
+
+
+def _scales() -> dict[str, dict[str, Decimal]]:
+    """Return what another unit is worth, by our unit and its spelling."""
+    return {
+        ours: {word: Decimal(worth) for worth, words in table.items() for word in words}
+        for ours, table in packaged_toml(__package__, "units.toml").items()
+    }
+
+
+_SCALES = _scales()
 
 
 def _spelled(unit: str, wanted: str) -> str:

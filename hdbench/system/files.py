@@ -6,6 +6,7 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
 OPEN_OWN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 """Flags of `os.open` for a file that is no link and that no child inherits."""
@@ -16,6 +17,15 @@ _SYSTEM = "/run/user"
 # offsets have 31 bits
 _LOCK_AT = (1 << 31) - 2
 _OWNED = hasattr(os, "geteuid")
+
+
+def packaged_toml(package: str, name: str) -> dict[str, Any]:
+    """Return what a TOML file of a package declares."""
+    # the guard needs neither, and starts with this module
+    import tomllib
+    from importlib import resources
+
+    return tomllib.loads((resources.files(package) / name).read_text(encoding="utf-8"))
 
 
 def lock_file(descriptor: int) -> bool | None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from enum import IntEnum, IntFlag
-from importlib import resources
 from itertools import chain
 
 from hdbench.devices.daq import Role
 from hdbench.devices.registers import BLOCK_DATA_REGISTERS, Register
+from hdbench.system.files import packaged_toml
 
 
 class State(IntEnum):
@@ -93,9 +92,8 @@ PART_NUMBERS = ("start_v", "end_v", "amplitude_v", "frequency_hz", "end_frequenc
 
 def _groups() -> dict[str, tuple[Register, ...]]:
     """Return the registers of ``registers.toml``, group by group."""
-    text = (resources.files(__package__) / "registers.toml").read_text(encoding="utf-8")
     groups = {}
-    for name, table in tomllib.loads(text).items():
+    for name, table in packaged_toml(__package__, "registers.toml").items():
         entries, address = [], table["start"]
         for label, kind, meaning in table["registers"]:
             entries.append(Register(label, address, kind, table["writable"], meaning))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-import tomllib
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib import resources
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +17,7 @@ from hdbench.drivers.dataq.port import Port
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.records.trace import FloatArray
+from hdbench.system.files import packaged_toml
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +48,8 @@ class Model:
 
 
 def _models() -> dict[str, Model]:
-    text = (resources.files(__package__) / "models.toml").read_text(encoding="utf-8")
     models = {}
-    for name, keys in tomllib.loads(text).items():
+    for name, keys in packaged_toml(__package__, "models.toml").items():
         ranges = dict(keys.pop("ranges", [(10.0, 0)]))
         models[name] = Model(name.removeprefix("DI-"), ranges, **keys)
     return models

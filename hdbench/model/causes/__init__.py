@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib import resources
 from types import MappingProxyType
 from typing import Any
 
@@ -17,6 +15,7 @@ from hdbench.model.causes import (
     sensor,
 )
 from hdbench.model.definition import Cause, Parameter, is_harmonic
+from hdbench.system.files import packaged_toml
 
 __all__ = ["ALL_CAUSES", "CAUSE_GROUPS"]
 
@@ -61,9 +60,8 @@ def _cause(name: str, entry: Mapping[str, Any]) -> Cause:
 
 
 def _groups() -> Mapping[str, tuple[Cause, ...]]:
-    text = (resources.files(__name__) / "catalogue.toml").read_text(encoding="utf-8")
     groups: dict[str, tuple[Cause, ...]] = {}
-    for name, entry in tomllib.loads(text).items():
+    for name, entry in packaged_toml(__package__, "catalogue.toml").items():
         group = entry["group"]
         groups[group] = (*groups.get(group, ()), _cause(name, entry))
     return MappingProxyType(groups)
