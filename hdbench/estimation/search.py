@@ -346,10 +346,11 @@ def fit_with_lines(
     while len(lines) + len(passed) < _MAX_LINES and fit.noise is not None:
         white = whiten(fit.residual, fit.noise, fit.used, starts=starts)[fit.used]
         turns = motor_angle_rad[fit.used] / (2.0 * np.pi)
-        found = _next_line(white, turns, time_s[fit.used], orders, lines + passed)
+        place = _Place.without(turns, time_s[fit.used], orders, lines + passed)
+        found = place.next_line(white)
         if found is None:
             break
-        beside = _unwhitened(fit, turns, time_s[fit.used], orders, lines + passed)
+        beside = place.strongest(fit.residual[fit.used] / fit.rms) if place.reverses else []
         best = None
         for line in (found, *beside):
             turn = motor_angle_rad if line.domain == "motor-order" else 2.0 * np.pi * time_s
@@ -376,34 +377,61 @@ def fit_with_lines(
     return LineFit(fit, fitted, columns)
 
 
-def _unwhitened(
-    fit: LinearFit,
-    turns: FloatArray,
-    time_s: FloatArray,
-    orders: tuple[float, ...],
-    lines: list[Line],
-) -> list[Line]:
-    """Return the strongest line of each domain in the plain residual, where the motor reverses."""
-    backward, forward = np.percentile(np.diff(turns), (5.0, 95.0))
-    if not backward < 0.0 < forward:
-        return []
-    return _strongest(fit.residual[fit.used] / fit.rms, turns, time_s, orders, lines)
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where lines of a record are looked for: all but those that are known."""
 
+    turns: FloatArray
+    time_s: FloatArray
+    orders: tuple[float, ...]  # orders and frequencies at which nothing new can be named
+    tones: tuple[float, ...]
 
-def _strongest(
-    white: FloatArray,
-    turns: FloatArray,
-    time_s: FloatArray,
-    orders: tuple[float, ...],
-    lines: list[Line],
-) -> list[Line]:
-    """Return the strongest line of each domain that is not known yet."""
-    taken_orders, taken_tones = _taken(turns, time_s, orders, lines)
-    candidates = (
-        strongest_line(white, turns, "motor-order", taken=taken_orders),
-        strongest_line(white, time_s, "frequency", taken=taken_tones),
-    )
-    return [line for line in candidates if line is not None]
+    @classmethod
+    def without(
+        cls, turns: FloatArray, time_s: FloatArray, orders: tuple[float, ...], lines: list[Line]
+    ) -> _Place:
+        """Return a record without what is in the model."""
+        at_orders = orders + tuple(x.location for x in lines if x.domain == "motor-order")
+        at_tones = tuple(x.location for x in lines if x.domain == "frequency")
+        slow, fast = (float(q) for q in np.percentile(_rate(turns, time_s), (5.0, 95.0)))
+        also_tones = _seen_as(at_orders, slow, fast, float(np.ptp(time_s)))
+        span = float(np.ptp(turns))
+        # a motor at rest turns a tone into no order at all
+        also_orders = _seen_as(at_tones, 1.0 / fast, 1.0 / slow, span) if slow else ()
+        return cls(turns, time_s, at_orders + also_orders, at_tones + also_tones)
+
+    @property
+    def reverses(self) -> bool:
+        """Whether the motor turns both ways."""
+        backward, forward = np.percentile(np.diff(self.turns), (5.0, 95.0))
+        return bool(backward < 0.0 < forward)
+
+    def strongest(self, white: FloatArray) -> list[Line]:
+        """Return the strongest line of each domain that is not known yet."""
+        candidates = (
+            strongest_line(white, self.turns, "motor-order", taken=self.orders),
+            strongest_line(white, self.time_s, "frequency", taken=self.tones),
+        )
+        return [line for line in candidates if line is not None]
+
+    def next_line(self, white: FloatArray) -> Line | None:
+        """Return the strongest line that is not known yet; None where noise shows as much."""
+        found = self.strongest(white)
+        if not found:
+            return None
+        best = max(found, key=lambda line: line.power)
+        probability = min(1.0, len(found) * best.false_alarm_probability)
+        if not probability < FALSE_ALARM_LEVEL:
+            return None
+        # with both domains alike the motor is named first: that is what turns on this bench
+        chosen = next(x for x in found if x.power > best.power - _UNDECIDED_NATS)
+        other = next((x for x in found if x is not chosen), None)
+        same = other is not None and _same_line(chosen, other, self.turns, self.time_s)
+        return replace(
+            chosen,
+            false_alarm_probability=probability,
+            equivalent=other.location if other is not None and same else None,
+        )
 
 
 def _overlap(columns: FloatArray, extra: FloatArray) -> float:
@@ -413,50 +441,11 @@ def _overlap(columns: FloatArray, extra: FloatArray) -> float:
     return float(np.max((inside**2).sum(axis=0) / (extra**2).sum(axis=0)))
 
 
-def _next_line(
-    white: FloatArray,
-    turns: FloatArray,
-    time_s: FloatArray,
-    orders: tuple[float, ...],
-    lines: list[Line],
-) -> Line | None:
-    """Return the strongest line that is not known yet, or None where noise alone shows as much."""
-    found = _strongest(white, turns, time_s, orders, lines)
-    if not found:
-        return None
-    best = max(found, key=lambda line: line.power)
-    probability = min(1.0, len(found) * best.false_alarm_probability)
-    if not probability < FALSE_ALARM_LEVEL:
-        return None
-    # with both domains alike the motor is named first: that is what turns on this bench
-    chosen = next(x for x in found if x.power > best.power - _UNDECIDED_NATS)
-    other = next((x for x in found if x is not chosen), None)
-    same = other is not None and _same_line(chosen, other, turns, time_s)
-    return replace(
-        chosen,
-        false_alarm_probability=probability,
-        equivalent=other.location if other is not None and same else None,
-    )
-
-
 def _rate(turns: FloatArray, time_s: FloatArray) -> FloatArray:
     """Return the speed in turns per second."""
     # over a hundredth of the record, so that jitter of single samples is not taken for speed
     lag = max(1, len(turns) // 100)
     return np.abs((turns[lag:] - turns[:-lag]) / (time_s[lag:] - time_s[:-lag]))
-
-
-def _taken(
-    turns: FloatArray, time_s: FloatArray, orders: tuple[float, ...], lines: list[Line]
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return orders and frequencies at which nothing new can be named."""
-    at_orders = orders + tuple(x.location for x in lines if x.domain == "motor-order")
-    at_tones = tuple(x.location for x in lines if x.domain == "frequency")
-    slow, fast = (float(q) for q in np.percentile(_rate(turns, time_s), (5.0, 95.0)))
-    also_tones = _seen_as(at_orders, slow, fast, float(np.ptp(time_s)))
-    # a motor at rest turns a tone into no order at all
-    also_orders = _seen_as(at_tones, 1.0 / fast, 1.0 / slow, float(np.ptp(turns))) if slow else ()
-    return at_orders + also_orders, at_tones + also_tones
 
 
 def _same_line(one: Line, other: Line, turns: FloatArray, time_s: FloatArray) -> bool:
