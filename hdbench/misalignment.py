@@ -17,14 +17,7 @@ from hdbench.model.motion import Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace
-from hdbench.results.dynamic import (
-    FilteredPeak,
-    MisalignmentBlock,
-    MisalignmentOrder,
-    MisalignmentResult,
-    MisalignmentStretch,
-    PeakToPeak,
-)
+from hdbench.results import dynamic
 from hdbench.results.parts import DataFlag
 
 # turns are counted to 2 %: the steady stretch of a plan of whole turns misses its first samples
@@ -48,7 +41,7 @@ class _Stretches:
 
 def evaluate_misalignment(
     trace: Trace, profile: ProfileData, *, scale: TorqueScale, filter_model: FilterModel
-) -> MisalignmentResult:
+) -> dynamic.MisalignmentResult:
     """Evaluate the misalignment torque of a constant-velocity run, one or both directions.
 
     Parameters
@@ -169,34 +162,36 @@ def _columns(
 
 def _result(
     fit: JointFit, steady: _Stretches, ripple_orders: tuple[float, ...], filter_name: str
-) -> MisalignmentResult:
+) -> dynamic.MisalignmentResult:
     record, profile, n_offsets = fit.record, fit.record.profile, len(steady.runs)
     here = fit.component(n_offsets)
     after = record.scaled(harmonic_at(fit.filtered, n_offsets).amplitude)
     beside = [
-        MisalignmentOrder(order=order, amplitude_nm=fit.component(n_offsets + 2 + 2 * i).amplitude)
+        dynamic.MisalignmentOrder(
+            order=order, amplitude_nm=fit.component(n_offsets + 2 + 2 * i).amplitude
+        )
         for i, order in enumerate(ripple_orders)
     ]
     second = None
     if max(steady.turns) >= TURNS_FOR_ORDER_2:
         column = n_offsets + 2 + 2 * len(ripple_orders)
-        second = MisalignmentOrder(amplitude_nm=fit.component(column).amplitude)
+        second = dynamic.MisalignmentOrder(amplitude_nm=fit.component(column).amplitude)
     turns = math.fsum(steady.turns)
     speeds = [abs(run.velocity_rad_s) for run in steady.runs]
-    return MisalignmentResult(
+    return dynamic.MisalignmentResult(
         amplitude_nm=here.amplitude,
         peak_to_peak_nm=_doubled(here.amplitude),
         phase_rad=here.phase,
         small_amplitude=here.small,
-        before=PeakToPeak(peak_to_peak_nm=_doubled(here.amplitude)),
-        after=FilteredPeak(peak_to_peak_nm=_doubled(after), filter=filter_name),
+        before=dynamic.PeakToPeak(peak_to_peak_nm=_doubled(here.amplitude)),
+        after=dynamic.FilteredPeak(peak_to_peak_nm=_doubled(after), filter=filter_name),
         output_turns=turns,
         mean_torque_nm=float(np.mean(record.torque_nm[record.used])),
         motor_velocity_rad_s=float(
             np.average(speeds, weights=[run.stop - run.start for run in steady.runs])
         ),
         stretches=tuple(
-            MisalignmentStretch(
+            dynamic.MisalignmentStretch(
                 from_s=run.from_s,
                 to_s=run.to_s,
                 motor_velocity_rad_s=run.velocity_rad_s,
@@ -206,7 +201,7 @@ def _result(
         ),
         ripple=tuple(beside),
         output_order_2=second,
-        filter=MisalignmentBlock(
+        filter=dynamic.MisalignmentBlock(
             order=1.0 / record.motion.gear_ratio,
             process_noise=profile.filter.misalignment_process_noise,
             measurement_noise=profile.filter.measurement_noise,

@@ -20,18 +20,7 @@ from hdbench.model import baseline_orders
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace
-from hdbench.results import DataFlag, RippleResult
-from hdbench.results.dynamic import (
-    EvaluatedTime,
-    OutputOrder,
-    RippleBlocks,
-    RippleOrder,
-    SlowTerms,
-    SteadySpectrum,
-    Suppression,
-    TorqueRms,
-    VelocityRange,
-)
+from hdbench.results import DataFlag, RippleResult, dynamic
 
 # below two cycles an offset and a sinusoid are hardly told apart
 _LEAST_CYCLES = 2.0
@@ -296,23 +285,23 @@ def summarise(regression: Regression, filtered_nm: FloatArray, filter_name: str)
     wander, origin = _wander(regression)
     first = regression.n_slow + 2 * len(orders)
     output = [fit.component(first + 2 * i) for i in range(len(regression.output_orders))]
-    by_order = [OutputOrder(amplitude_nm=x.amplitude, phase_rad=x.phase) for x in output]
+    by_order = [dynamic.OutputOrder(amplitude_nm=x.amplitude, phase_rad=x.phase) for x in output]
     filtered, ripple = filtered_nm[used], _components(regression)
     noise, rms = fit.found.fit.noise, fit.found.fit.rms
     noise_std = rms if noise is None else noise.innovation_std
     return RippleResult(
         ripple=ripple,
-        motor_velocity_rad_s=VelocityRange(
+        motor_velocity_rad_s=dynamic.VelocityRange(
             mean=float(velocity.mean()),
             std=float(velocity.std()),
             min=float(velocity.min()),
             max=float(velocity.max()),
         ),
-        torque_rms_nm=TorqueRms(
+        torque_rms_nm=dynamic.TorqueRms(
             measured=_rms(record.torque_nm[used]), filtered=_rms(filtered[np.isfinite(filtered)])
         ),
         suppression_db=tuple(
-            Suppression(
+            dynamic.Suppression(
                 order=x.order, suppression_db=x.suppression_db, is_bound=x.suppression_is_bound
             )
             for x in ripple
@@ -320,7 +309,7 @@ def summarise(regression: Regression, filtered_nm: FloatArray, filter_name: str)
         spectrum=_spectrum(regression),
         output_order_1=by_order[0] if by_order else None,
         output_order_2=by_order[1] if len(by_order) > 1 else None,
-        trend=SlowTerms(
+        trend=dynamic.SlowTerms(
             degree=trend.degree,
             direction_offset=trend.direction,
             output_sinusoid=trend.output,
@@ -328,10 +317,10 @@ def summarise(regression: Regression, filtered_nm: FloatArray, filter_name: str)
             "kept while the BIC of the residual with autoregressive noise falls",
         ),
         noise_std_nm=noise_std,
-        evaluated=EvaluatedTime(from_s=float(time[0]), to_s=float(time[-1])),
+        evaluated=dynamic.EvaluatedTime(from_s=float(time[0]), to_s=float(time[-1])),
         angle_source=record.motion.angle_source,
         angle_scale=regression.angle_scale,
-        filter=RippleBlocks(
+        filter=dynamic.RippleBlocks(
             name=filter_name,
             orders=orders,
             measurement_noise=noise_std**2,
@@ -348,7 +337,7 @@ def _rms(torque_nm: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(torque_nm))))
 
 
-def _components(regression: Regression) -> tuple[RippleOrder, ...]:
+def _components(regression: Regression) -> tuple[dynamic.RippleOrder, ...]:
     entries = []
     for i, order in enumerate(regression.orders):
         column = regression.n_slow + 2 * i
@@ -358,7 +347,7 @@ def _components(regression: Regression) -> tuple[RippleOrder, ...]:
         after = left.std if bound else left.value
         both = not here.small and after > 0.0
         entries.append(
-            RippleOrder(
+            dynamic.RippleOrder(
                 order=order,
                 order_estimate=regression.estimates[i],
                 amplitude_nm=regression.fit.record.scaled(here.amplitude),
@@ -397,7 +386,7 @@ def _notes(regression: Regression) -> tuple[DataFlag, ...]:
     return tuple(notes)
 
 
-def _spectrum(regression: Regression) -> SteadySpectrum | None:
+def _spectrum(regression: Regression) -> dynamic.SteadySpectrum | None:
     record, found = regression.fit.record, regression.fit.found
     stretch = _steadiest(record)
     if stretch is None:
@@ -409,7 +398,7 @@ def _spectrum(regression: Regression) -> SteadySpectrum | None:
     )
     # the names of the report: the ripple's place as a multiple of the motor velocity
     names = {f"{order:g}x": order for order in regression.orders}
-    return SteadySpectrum(
+    return dynamic.SteadySpectrum(
         from_s=stretch.from_s,
         to_s=stretch.to_s,
         motor_velocity_rad_s=stretch.velocity_rad_s,

@@ -9,14 +9,7 @@ from hdbench.calibration.readings import TakenReading, flagged
 from hdbench.profile.calibrating import ShuntCheck
 from hdbench.records.loads import SequenceEntry
 from hdbench.results import DataFlag
-from hdbench.results.calibration import (
-    Course,
-    Ends,
-    ExperimentLine,
-    LoadGroup,
-    LoadStep,
-    ShuntRecord,
-)
+from hdbench.results import calibration as record
 
 # places named in a sentence
 _SHOWN = 10
@@ -27,9 +20,9 @@ _POSITIONS, _STEPS, _FIRST_STEP = 3, 3, 0.2
 _FIRST_STEP_SLACK = 0.055
 
 
-def course_of(readings: Sequence[TakenReading], sequence: Sequence[SequenceEntry]) -> Course:
+def course_of(readings: Sequence[TakenReading], sequence: Sequence[SequenceEntry]) -> record.Course:
     """Return environment and times of the readings."""
-    return Course(
+    return record.Course(
         temperature_c=_ends([t.reading.temperature_c for t in readings]),
         humidity_percent=_ends([t.detail.humidity_percent for t in readings]),
         pressure_hpa=_ends([t.detail.pressure_hpa for t in readings]),
@@ -41,15 +34,15 @@ def course_of(readings: Sequence[TakenReading], sequence: Sequence[SequenceEntry
     )
 
 
-def _ends(values: Sequence[float | None]) -> Ends | None:
+def _ends(values: Sequence[float | None]) -> record.Ends | None:
     known = [v for v in values if v is not None]
     if not known:
         return None
-    return Ends(first=known[0], last=known[-1], least=min(known), largest=max(known))
+    return record.Ends(first=known[0], last=known[-1], least=min(known), largest=max(known))
 
 
 def sequence_deviations(
-    groups: Sequence[tuple[LoadGroup, tuple[LoadStep, ...]]], n_preloads: int
+    groups: Sequence[tuple[record.LoadGroup, tuple[record.LoadStep, ...]]], n_preloads: int
 ) -> tuple[str, ...]:
     """Return what departs from the sequence of the guide, in words."""
     out: list[str] = []
@@ -82,7 +75,7 @@ def shunt_record(
     sequence: Sequence[SequenceEntry],
     shunt: ShuntCheck | None,
     gain_nm_per_v: float,
-) -> ShuntRecord | None:
+) -> record.ShuntRecord | None:
     """Return the shunt readings, and whether they are those of the last calibration."""
     volts = [t.reading.reading_v for t in readings if t.detail.kind == "shunt"]
     volts += [e.reading_v for e in sequence if e.kind == "shunt" and e.reading_v is not None]
@@ -92,7 +85,7 @@ def shunt_record(
     expected = None if shunt is None else shunt.expected_v
     change = mean / expected - 1.0 if mean is not None and expected else None
     limit = None if shunt is None else shunt.tolerance
-    return ShuntRecord(
+    return record.ShuntRecord(
         resistor_ohm=None if shunt is None else shunt.resistor_ohm,
         reading_v=mean,
         n=len(volts),
@@ -104,7 +97,7 @@ def shunt_record(
     )
 
 
-def doubts_of(lines: Sequence[ExperimentLine]) -> tuple[DataFlag, ...]:
+def doubts_of(lines: Sequence[record.ExperimentLine]) -> tuple[DataFlag, ...]:
     """Return what makes the data doubtful: gains of both signs."""
     below = [line for line in lines if line.gain_nm_per_v < 0.0]
     above = [line for line in lines if line.gain_nm_per_v > 0.0]
@@ -120,7 +113,7 @@ def doubts_of(lines: Sequence[ExperimentLine]) -> tuple[DataFlag, ...]:
 
 
 def notes_of(
-    lines: Sequence[ExperimentLine],
+    lines: Sequence[record.ExperimentLine],
     readings: tuple[TakenReading, ...],
     account: TorqueAccount,
     basis: tuple[str, str],

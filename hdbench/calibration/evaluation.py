@@ -8,15 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.calibration.budget import (
-    expanded_any_one,
-    expanded_gain,
-    expanded_naive,
-    expanded_of,
-    expanded_uncertainty,
-    gain_rows,
-    propagate,
-)
+from hdbench.calibration import budget
 from hdbench.calibration.course import (
     course_of,
     doubts_of,
@@ -127,7 +119,7 @@ def _asymmetry(direction: PairedDifference | None, limit: float | None) -> list[
     if direction is None:
         return [LimitTest(name=name, value=None, limit=limit)]
     value, relative = abs(direction.relative.value), direction.relative
-    upper = value + expanded_uncertainty(relative.std, relative.dof).expanded
+    upper = value + budget.expanded_uncertainty(relative.std, relative.dof).expanded
     return [LimitTest(name=name, value=value, limit=limit, upper=upper)]
 
 
@@ -185,8 +177,8 @@ def evaluate_calibration(
     scatter, basis, reason = mean_gain(lines)
     _check_sign(scatter.value, loads.source)
     value, gains, places = scatter.value, [x.gain_nm_per_v for x in lines], position_numbers(lines)
-    rows = gain_rows(scatter, lines, account.rows, bench)
-    mean = expanded_of(value, rows)
+    rows = budget.gain_rows(scatter, lines, account.rows, bench)
+    mean = budget.expanded_of(value, rows)
     positions = one_way([[x.gain_nm_per_v for x in group] for group in by_position(lines)])
     grouped = step_groups(readings, "single" if bench is None else bench.arm.loading)
     resolution = reading_resolution(readings, bench)
@@ -202,7 +194,9 @@ def evaluate_calibration(
     accepted, acceptance = decide(tests, rule)
     monte_carlo = None
     if monte_carlo_seed is not None and mean.std > _ROUNDING * abs(value):
-        monte_carlo = propagate(value, rows, (mean.std, mean.expanded), seed=monte_carlo_seed)
+        monte_carlo = budget.propagate(
+            value, rows, (mean.std, mean.expanded), seed=monte_carlo_seed
+        )
     sequence = tuple(loads.metadata.get("sequence", ()))
     course = course_of(everything, sequence)
     shunt = None if bench is None else bench.calibration.shunt
@@ -222,9 +216,11 @@ def evaluate_calibration(
         class_reason=f"{_METHOD}; {grade.reason}",
         groups=tuple(group for group, _ in groups),
         uncertainty=GainUncertainty(
-            mean_of_positions=expanded_gain(value, mean),
-            any_one_position=expanded_gain(value, expanded_any_one(value, positions, lines, rows)),
-            naive=expanded_gain(value, expanded_naive(gains)),
+            mean_of_positions=budget.expanded_gain(value, mean),
+            any_one_position=budget.expanded_gain(
+                value, budget.expanded_any_one(value, positions, lines, rows)
+            ),
+            naive=budget.expanded_gain(value, budget.expanded_naive(gains)),
         ),
         positions=positions,
         mixed_model=mixed_fit(gains, places, [(x.direction, x.range) for x in lines]),

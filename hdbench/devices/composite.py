@@ -6,15 +6,8 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from hdbench.devices import daq
 from hdbench.devices.bench import Identity, SafeState
-from hdbench.devices.daq import (
-    Capabilities,
-    Daq,
-    DaqSettings,
-    Role,
-    ScanBlock,
-    repeats_of,
-)
 from hdbench.devices.driver import Driver, driver_of, open_daq
 from hdbench.errors import DeviceError
 from hdbench.profile.acquiring import CompositeAcquisition
@@ -44,7 +37,7 @@ class CompositeDaq:
     """
 
     def __init__(
-        self, inputs: Daq, outputs: Daq, *, clock: Callable[[], float] = time.monotonic
+        self, inputs: daq.Daq, outputs: daq.Daq, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._inputs = inputs
         self._outputs = outputs
@@ -59,9 +52,9 @@ class CompositeDaq:
     @property
     def repeats(self) -> int:
         """Requests that were sent again so far, by either device."""
-        return repeats_of(self._inputs) + repeats_of(self._outputs)
+        return daq.repeats_of(self._inputs) + daq.repeats_of(self._outputs)
 
-    def capabilities(self) -> Capabilities:
+    def capabilities(self) -> daq.Capabilities:
         """Return the inputs of the one, and outputs, enable and watchdog of the other.
 
         Raises
@@ -102,13 +95,13 @@ class CompositeDaq:
         self._outputs.claim()
         self._inputs.claim()
 
-    def configure(self, settings: DaqSettings) -> float:
+    def configure(self, settings: daq.DaqSettings) -> float:
         """Configure both; the outputs sample nothing."""
         self._outputs.configure(replace(settings, roles=(), reference=None))
         self._tripped = False
         return self._inputs.configure(replace(settings, reference=None))
 
-    def read_block(self) -> ScanBlock | None:
+    def read_block(self) -> daq.ScanBlock | None:
         """Return the inputs' next block, with the state of the outputs' watchdog."""
         block = self._inputs.read_block()
         now_s = self._clock()
@@ -119,7 +112,7 @@ class CompositeDaq:
             return block
         return replace(block, watchdog_tripped=True)
 
-    def snapshot(self) -> Mapping[Role, float]:
+    def snapshot(self) -> Mapping[daq.Role, float]:
         """Return what either device reads at this moment; the inputs' value where both do."""
         return {**self._outputs.snapshot(), **self._inputs.snapshot()}
 

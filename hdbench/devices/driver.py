@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hdbench.devices.daq import Daq
 from hdbench.errors import UsageError
-from hdbench.profile.acquiring import (
-    BROKEN,
-    Acquisition,
-    closest,
-    find,
-    installed,
-    load_table,
-    table_of,
-)
+from hdbench.profile import acquiring
 from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
@@ -96,7 +88,7 @@ class DriverInfo:
 def drivers() -> tuple[DriverInfo, ...]:
     """Return every driver that is installed; one that cannot be loaded is told, not fatal."""
     found: list[DriverInfo] = []
-    for entry in installed("hdbench.drivers"):
+    for entry in acquiring.installed("hdbench.drivers"):
         taken = any(info.name == entry.name for info in found)
         problem = "its name is taken" if taken else _problem(entry)
         package = entry.dist
@@ -107,15 +99,15 @@ def drivers() -> tuple[DriverInfo, ...]:
 
 def driver_of(name: str) -> Driver:
     """Return the driver of a name."""
-    entry = find("hdbench.drivers", name)
+    entry = acquiring.find("hdbench.drivers", name)
     if entry is None:
-        names, fix = closest(name)
+        names, fix = acquiring.closest(name)
         raise UsageError(
             f"no driver {name!r} is installed; installed: {names}", where="key daq.driver", fix=fix
         )
     try:
         return _load(entry)
-    except BROKEN as error:
+    except acquiring.BROKEN as error:
         raise UsageError(
             f"driver {name!r} cannot be loaded ({type(error).__name__}: {error})",
             where="key daq.driver",
@@ -129,10 +121,10 @@ def probes() -> tuple[Callable[[str], str], ...]:
     return tuple(driver.probe for driver in usable if driver.probe is not None)
 
 
-def open_daq(profile: ProfileData, table: Acquisition) -> Daq:
+def open_daq(profile: ProfileData, table: acquiring.Acquisition) -> Daq:
     """Open the device that `table` names."""
     driver = driver_of(table.driver)
-    if not isinstance(table, table_of(table.driver)):
+    if not isinstance(table, acquiring.table_of(table.driver)):
         raise UsageError(
             f"a {type(table).__name__} is no table of driver {table.driver!r}",
             where="key daq.driver",
@@ -152,7 +144,7 @@ def _load(entry: EntryPoint) -> Driver:
 def _problem(entry: EntryPoint) -> str:
     try:
         _load(entry)
-        load_table(entry.name)
-    except BROKEN as error:
+        acquiring.load_table(entry.name)
+    except acquiring.BROKEN as error:
         return f"{type(error).__name__}: {error}"
     return ""

@@ -11,22 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
-from hdbench.filter.kalman import (
-    GATED,
-    HEADER,
-    INVERSE,
-    MISSING,
-    STEP,
-    UNRESOLVED,
-    USABLE,
-    FilteredBlock,
-    Form,
-    kernel_form,
-    kernel_name,
-    new_state,
-    pack,
-    run,
-)
+from hdbench.filter import kalman
 from hdbench.filter.model import FilterModel, OscillatorBlock
 from hdbench.profile.scaling import angle_channel, velocity_channel
 from hdbench.profile.schema import ProfileData
@@ -36,9 +21,9 @@ SATURATED, STUCK = 8, 16
 """Bits of a sample's flag, beside those of the kernel."""
 
 FLAG_BITS = {
-    "missing": MISSING,
-    "gated": GATED,
-    "unresolved": UNRESOLVED,
+    "missing": kalman.MISSING,
+    "gated": kalman.GATED,
+    "unresolved": kalman.UNRESOLVED,
     "saturated": SATURATED,
     "stuck": STUCK,
 }
@@ -60,9 +45,9 @@ def screen_torque(
     """
     flags = np.zeros(torque_nm.size, dtype=np.uint8)
     if model.torque_limit_nm is not None:
-        flags[np.abs(torque_nm) >= model.torque_limit_nm] |= SATURATED | MISSING
+        flags[np.abs(torque_nm) >= model.torque_limit_nm] |= SATURATED | kalman.MISSING
     if model.stuck_samples is not None and torque_nm.size:
-        flags[_run_lengths(torque_nm, state) >= model.stuck_samples] |= STUCK | MISSING
+        flags[_run_lengths(torque_nm, state) >= model.stuck_samples] |= STUCK | kalman.MISSING
     return (np.where(flags != 0, np.nan, torque_nm) if flags.any() else torque_nm), flags
 
 
@@ -116,12 +101,12 @@ class OnlineFilter:
 
     __slots__ = ("_kernel", "_packed", "_screen", "_state", "model")
 
-    def __init__(self, model: FilterModel, *, kernel: Form | None = None) -> None:
+    def __init__(self, model: FilterModel, *, kernel: kalman.Form | None = None) -> None:
         self.model = model
-        self._kernel: Form = kernel_name() if kernel is None else kernel
-        kernel_form(self._kernel)
-        self._packed = pack(model)
-        self._state = new_state(self._packed)
+        self._kernel: kalman.Form = kalman.kernel_name() if kernel is None else kernel
+        kalman.kernel_form(self._kernel)
+        self._packed = kalman.pack(model)
+        self._state = kalman.new_state(self._packed)
         screened = model.torque_limit_nm is not None or model.stuck_samples is not None
         self._screen = np.zeros(SCREEN_STATES if screened else 0)
 
@@ -131,7 +116,7 @@ class OnlineFilter:
         velocity_rad_s: ArrayLike,
         torque_nm: ArrayLike,
         angle_rad: ArrayLike | None = None,
-    ) -> FilteredBlock:
+    ) -> kalman.FilteredBlock:
         """Filter the next samples.
 
         Parameters
@@ -162,7 +147,7 @@ class OnlineFilter:
         screen, refused = self._screen.copy(), None
         if screen.size and torque.ndim == 1:
             torque, refused = screen_torque(self.model, torque, screen)
-        found = run(
+        found = kalman.run(
             self._packed,
             self._state,
             time_s,
@@ -232,12 +217,12 @@ def block_amplitudes(model: FilterModel, state: FloatArray) -> tuple[BlockAmplit
     depends on the phase in which the states are kept.
     """
     size = 2 * (len(model.blocks) + len(model.slow))
-    predicted, gain, triangle = np.split(state[HEADER + size :], (size, 2 * size))
+    predicted, gain, triangle = np.split(state[kalman.HEADER + size :], (size, 2 * size))
     # the state stands before the last sample's measurement: done here
-    states = (predicted + state[STEP] * gain).tolist()
+    states = (predicted + state[kalman.STEP] * gain).tolist()
     rows, columns = np.tril_indices(size)
     covariance = np.zeros((size, size))
-    covariance[rows, columns] = triangle[: rows.size] - state[INVERSE] * (
+    covariance[rows, columns] = triangle[: rows.size] - state[kalman.INVERSE] * (
         gain[rows] * gain[columns]
     )
     found = []
@@ -279,7 +264,9 @@ class Channels:
     @property
     def usable(self) -> NDArray[np.bool_]:
         """Which samples have a torque and a velocity that the filter can use."""
-        return (np.abs(self.torque_nm) <= USABLE) & (np.abs(self.velocity_rad_s) <= USABLE)
+        return (np.abs(self.torque_nm) <= kalman.USABLE) & (
+            np.abs(self.velocity_rad_s) <= kalman.USABLE
+        )
 
 
 @contextmanager
@@ -325,14 +312,14 @@ def filter_channels(trace: Trace, profile: ProfileData, *, use_measured_angle: b
     return Channels(trace.time_s, velocity, trace["torque_nm"], angle, trace.source)
 
 
-def run_channels(model: FilterModel, channels: Channels) -> FilteredBlock:
+def run_channels(model: FilterModel, channels: Channels) -> kalman.FilteredBlock:
     """Filter channels as they stand, from the start of the model."""
-    packed = pack(model)
+    packed = kalman.pack(model)
     samples = (channels.time_s, channels.velocity_rad_s, channels.torque_nm)
-    return run(packed, new_state(packed), *samples, angle_rad=channels.angle_rad)
+    return kalman.run(packed, kalman.new_state(packed), *samples, angle_rad=channels.angle_rad)
 
 
-def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> FilteredBlock:
+def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> kalman.FilteredBlock:
     """Filter a stored trace as it would have been filtered while sampling.
 
     Parameters
@@ -360,7 +347,7 @@ def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> Filt
         return OnlineFilter(model).process(*samples)
 
 
-def filtered_columns(trace: Trace, block: FilteredBlock) -> Trace:
+def filtered_columns(trace: Trace, block: kalman.FilteredBlock) -> Trace:
     """Return what `hdbench filter` writes: the torque and what the filter says about it.
 
     Parameters

@@ -10,34 +10,18 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from hdbench.errors import DataError, ProfileError
+from hdbench.model import declared
 from hdbench.model.causes import ALL_CAUSES
-from hdbench.model.declared import (
-    CauseFile,
-    Declaration,
-    HarmonicsSpec,
-    PolynomialSpec,
-    Spec,
-    TableSpec,
-    ToneSpec,
-    cause_of,
-)
 from hdbench.model.definition import Cause
-from hdbench.profile.loader import (
-    all_problems,
-    file_problem,
-    key_text,
-    problem,
-    said,
-    said_elsewhere,
-)
+from hdbench.profile import loader
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text, tuples
 
 _HELP = "docs/causes.md lists keys, units and domains"
 _SPECS: Mapping[str, type[BaseModel]] = {
-    "harmonics": HarmonicsSpec,
-    "tone": ToneSpec,
-    "polynomial": PolynomialSpec,
-    "table": TableSpec,
+    "harmonics": declared.HarmonicsSpec,
+    "tone": declared.ToneSpec,
+    "polynomial": declared.PolynomialSpec,
+    "table": declared.TableSpec,
 }
 
 
@@ -65,29 +49,31 @@ def load_causes(path: Path) -> tuple[Cause, ...]:
     raw = tuples(read_toml(text, str(path)))
     lines = key_lines(text)
     try:
-        specs = CauseFile.model_validate(raw).cause
+        specs = declared.CauseFile.model_validate(raw).cause
     except ValidationError as error:
-        entries = [e for e in error.errors(include_url=False) if not said_elsewhere(e)]
+        entries = [e for e in error.errors(include_url=False) if not loader.said_elsewhere(e)]
         found = [_entry(str(path), lines, entry) for entry in entries]
         raise _all_problems(str(path), found) from None
     found = list(_taken(str(path), lines, specs))
     if not specs:
-        found = [problem(str(path), lines, ("cause",), "holds no cause", f"add one ({_HELP})")]
+        found = [
+            loader.problem(str(path), lines, ("cause",), "holds no cause", f"add one ({_HELP})")
+        ]
     if found:
         raise _all_problems(str(path), found)
-    return tuple(cause_of(spec) for spec in specs)
+    return tuple(declared.cause_of(spec) for spec in specs)
 
 
 def declared_cause(definition: Mapping[str, Any], *, where: str) -> Cause:
     """Return the cause of a declaration that a model file holds."""
-    adapter: TypeAdapter[Spec] = TypeAdapter(Declaration)
+    adapter: TypeAdapter[declared.Spec] = TypeAdapter(declared.Declaration)
     try:
-        return cause_of(adapter.validate_python(tuples(dict(definition))))
+        return declared.cause_of(adapter.validate_python(tuples(dict(definition))))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        key = key_text(_key(first))
+        key = loader.key_text(_key(first))
         raise DataError(
-            f"key {key!r}: {said(first)}",
+            f"key {key!r}: {loader.said(first)}",
             where=where,
             fix=f"correct the declaration ({_HELP})",
         ) from None
@@ -103,15 +89,17 @@ def _entry(path: str, lines: Mapping[Key, int], error: Mapping[str, Any]) -> Pro
     key, kind = _key(error), str(error["type"])
     if kind == "union_tag_not_found":
         fix = f"add kind = ..., one of {', '.join(_SPECS)} ({_HELP})"
-        return problem(path, lines, (*key, "kind"), "missing", fix)
+        return loader.problem(path, lines, (*key, "kind"), "missing", fix)
     if kind == "union_tag_invalid":
         words = f"found {error['input'].get('kind')!r}; needed: one of {', '.join(_SPECS)}"
-        return problem(path, lines, (*key, "kind"), words, f"correct the value ({_HELP})")
-    spec = next((_SPECS[part] for part in error["loc"] if part in _SPECS), CauseFile)
-    return file_problem(path, lines, key, error, known=spec.model_fields, help_text=_HELP)
+        return loader.problem(path, lines, (*key, "kind"), words, f"correct the value ({_HELP})")
+    spec = next((_SPECS[part] for part in error["loc"] if part in _SPECS), declared.CauseFile)
+    return loader.file_problem(path, lines, key, error, known=spec.model_fields, help_text=_HELP)
 
 
-def _taken(path: str, lines: Mapping[Key, int], specs: Iterable[Spec]) -> Iterable[ProfileError]:
+def _taken(
+    path: str, lines: Mapping[Key, int], specs: Iterable[declared.Spec]
+) -> Iterable[ProfileError]:
     """Yield one problem for every name that is taken and every look-alike that does not exist."""
     catalogue = {cause.name for cause in ALL_CAUSES}
     seen = set(catalogue)
@@ -121,15 +109,15 @@ def _taken(path: str, lines: Mapping[Key, int], specs: Iterable[Spec]) -> Iterab
         if spec.name in seen:
             owner = "the catalogue" if spec.name in catalogue else "a cause above it"
             what = f"{spec.name!r} is a name of {owner}; needed: a name of its own"
-            yield problem(path, lines, ("cause", place, "name"), what, "choose another name")
+            yield loader.problem(path, lines, ("cause", place, "name"), what, "choose another name")
         seen.add(spec.name)
         for name in spec.look_alikes:
             if name not in known:
                 near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
                 key: Key = ("cause", place, "look_alikes")
-                yield problem(path, lines, key, f"unknown cause {name!r}", f"write {near!r}")
+                yield loader.problem(path, lines, key, f"unknown cause {name!r}", f"write {near!r}")
 
 
 def _all_problems(path: str, found: list[ProfileError]) -> DataError:
-    whole = found[0] if len(found) == 1 else all_problems(path, found)
+    whole = found[0] if len(found) == 1 else loader.all_problems(path, found)
     return DataError(whole.what, where=whole.where, fix=whole.fix, problems=whole.problems)

@@ -9,14 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hdbench.errors import DataError
-from hdbench.records.csvtext import (
-    IMPORT_FIX,
-    csv_text,
-    data_error,
-    parse_table,
-    read_header,
-    read_text,
-)
+from hdbench.records import csvtext
 from hdbench.records.storage import write_atomic
 
 LOADS_COLUMNS = (
@@ -169,7 +162,7 @@ class _Row:
     def error(self, name: str, needed: str) -> DataError:
         cell = self.cells[name][:40]
         what = f"column {name!r} holds {cell!r}; needed: {needed}"
-        return data_error(self.path, self.line, what, "correct the cell")
+        return csvtext.data_error(self.path, self.line, what, "correct the cell")
 
     def word(self, name: str) -> str:
         value = self.cells[name].strip()
@@ -210,7 +203,7 @@ class _Row:
             return self.number("torque_nm")
         mass_kg = self.number("mass_kg")
         if arm is None:
-            raise data_error(
+            raise csvtext.data_error(
                 self.path,
                 1,
                 "masses without an arm; needed: column torque_nm, or a profile with [arm]",
@@ -266,12 +259,12 @@ def read_loads(path: Path, arm: ArmLike | None) -> Loads:
     and negative for ``ccw``.
     """
     path = Path(path)
-    table = parse_table(path, read_text(path, "loads file"))
+    table = csvtext.parse_table(path, csvtext.read_text(path, "loads file"))
     for name in _NEEDED:
         if name not in table.header:
-            raise data_error(path, 1, f"no column {name}", IMPORT_FIX)
+            raise csvtext.data_error(path, 1, f"no column {name}", csvtext.IMPORT_FIX)
     if not {"torque_nm", "mass_kg"} & set(table.header):
-        raise data_error(path, 1, "no column torque_nm or mass_kg", IMPORT_FIX)
+        raise csvtext.data_error(path, 1, "no column torque_nm or mass_kg", csvtext.IMPORT_FIX)
     readings = tuple(
         _reading(_Row(path, line, dict(zip(table.header, row, strict=True))), arm)
         for line, row in zip(table.lines, table.rows, strict=True)
@@ -290,7 +283,7 @@ def read_sequence(path: Path) -> tuple[SequenceEntry, ...]:
     path = Path(path)
     if not path.is_file():
         return ()
-    table = parse_table(path, read_text(path, "sequence file"))
+    table = csvtext.parse_table(path, csvtext.read_text(path, "sequence file"))
     out = []
     for line, cells in zip(table.lines, table.rows, strict=True):
         row = _Row(path, line, dict(zip(table.header, cells, strict=True)))
@@ -318,7 +311,7 @@ def write_loads(path: Path, loads: Loads) -> None:
                 fix="take this reading again",
             )
         rows.append([*values, *(cells[index] for cells in loads.extra_columns.values())])
-    write_atomic(Path(path), csv_text([*names, *loads.extra_columns], rows).encode())
+    write_atomic(Path(path), csvtext.csv_text([*names, *loads.extra_columns], rows).encode())
 
 
 def is_loads_file(path: Path) -> bool:
@@ -339,5 +332,5 @@ def is_loads_file(path: Path) -> bool:
     DataError
         If the file cannot be read or its header is wrong.
     """
-    header = set(read_header(Path(path)))
+    header = set(csvtext.read_header(Path(path)))
     return "reading_v" in header and bool(header & {"torque_nm", "mass_kg"})

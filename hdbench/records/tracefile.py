@@ -10,18 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.csvtext import (
-    IMPORT_FIX,
-    LIMIT_BYTES,
-    Table,
-    as_text,
-    check_header,
-    data_error,
-    parse_numbers,
-    parse_table,
-    quoted,
-    read_raw,
-)
+from hdbench.records import csvtext
 from hdbench.records.parquetfile import PARQUET, parquet_columns
 from hdbench.records.storage import write_atomic
 from hdbench.records.trace import FloatArray, Trace
@@ -87,10 +76,10 @@ def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -
     else:
         found = _by_pieces(path)
         if found is None:
-            raw = read_raw(path, "trace")
+            raw = csvtext.read_raw(path, "trace")
             found = _fast(path, raw)
         if found is None:
-            columns, texts, lines = _careful(parse_table(path, as_text(path, raw)))
+            columns, texts, lines = _careful(csvtext.parse_table(path, csvtext.as_text(path, raw)))
         else:
             columns, lines = found, range(2, 2 + len(next(iter(found.values()))))
     _check_required(path, columns, texts, require)
@@ -105,7 +94,7 @@ def _by_pieces(path: Path) -> dict[str, FloatArray] | None:
     parts: dict[str, list[FloatArray]] = {}
     # whoever reads the whole file says why it cannot
     with suppress(OSError), path.open("rb") as file:
-        if not 2 * _PIECE_BYTES < path.stat().st_size <= LIMIT_BYTES:
+        if not 2 * _PIECE_BYTES < path.stat().st_size <= csvtext.LIMIT_BYTES:
             return None
         head = file.readline(_PIECE_BYTES)
         while piece := file.read(_PIECE_BYTES):
@@ -123,7 +112,9 @@ def _fast(path: Path, raw: bytes) -> dict[str, FloatArray] | None:
     head = raw[:end] if end >= 0 else raw
     if b'"' in head or b"\r" in head or not head.isascii() or b"\0" in head:
         return None
-    return parse_numbers(check_header(path, head.decode().split(",")), raw, len(head) + 1)
+    return csvtext.parse_numbers(
+        csvtext.check_header(path, head.decode().split(",")), raw, len(head) + 1
+    )
 
 
 def _number(cell: str) -> float:
@@ -136,7 +127,7 @@ def _number(cell: str) -> float:
 
 
 def _careful(
-    table: Table,
+    table: csvtext.Table,
 ) -> tuple[dict[str, FloatArray], dict[str, tuple[str, ...]], Sequence[int]]:
     columns: dict[str, FloatArray] = {}
     texts: dict[str, tuple[str, ...]] = {}
@@ -159,8 +150,8 @@ def _careful(
 def _bad_cell(path: Path, line: int, name: str, cell: str) -> DataError:
     fix = "correct the cell, or leave it empty where the sample was lost"
     if cell.strip().replace(",", ".", 1).lstrip("+-").replace(".", "", 1).isdigit():
-        fix = IMPORT_FIX
-    return data_error(
+        fix = csvtext.IMPORT_FIX
+    return csvtext.data_error(
         path, line, f"column {name!r} holds {cell[:40]!r}; needed: a number, nan or nothing", fix
     )
 
@@ -175,14 +166,16 @@ def _check_required(
         names = _GROUPS.get(need, (need,))
         if not any(name in columns for name in names):
             there = ", ".join([*columns, *texts][:12])
-            raise data_error(path, 1, f"no column {' or '.join(names)}; found: {there}", IMPORT_FIX)
+            raise csvtext.data_error(
+                path, 1, f"no column {' or '.join(names)}; found: {there}", csvtext.IMPORT_FIX
+            )
 
 
 def _check_values(path: Path, columns: dict[str, FloatArray], lines: Sequence[int]) -> None:
     for name, values in columns.items():
         infinite = np.flatnonzero(np.isinf(values))
         if len(infinite):
-            raise data_error(
+            raise csvtext.data_error(
                 path,
                 lines[int(infinite[0])],
                 f"column {name!r} is infinite; needed: a finite number, nan or nothing",
@@ -191,7 +184,7 @@ def _check_values(path: Path, columns: dict[str, FloatArray], lines: Sequence[in
     time_s = columns["time_s"]
     missing = np.flatnonzero(np.isnan(time_s))
     if len(missing):
-        raise data_error(
+        raise csvtext.data_error(
             path,
             lines[int(missing[0])],
             "column 'time_s' has no value; needed: a time in s on every row",
@@ -201,7 +194,7 @@ def _check_values(path: Path, columns: dict[str, FloatArray], lines: Sequence[in
     wrong = np.flatnonzero(~(steps > 0.0))
     if len(wrong):
         row = int(wrong[0]) + 1
-        raise data_error(
+        raise csvtext.data_error(
             path,
             lines[row],
             f"time_s {float(time_s[row])!r} s after {float(time_s[row - 1])!r} s; "
@@ -258,7 +251,7 @@ def trace_lines(
 ) -> Iterator[bytes]:
     """Yield a trace as text, its samples checked piece by piece; texts stand behind the numbers."""
     texts = texts or {}
-    yield (",".join(map(quoted, [*names, *texts])) + "\n").encode()
+    yield (",".join(map(csvtext.quoted, [*names, *texts])) + "\n").encode()
     row, last_s = 0, -np.inf
     for columns in pieces:
         for name, values in zip(names, columns, strict=True):
@@ -278,5 +271,5 @@ def trace_lines(
 def _rows_as_bytes(columns: Iterable[FloatArray], texts: Iterable[Sequence[str]]) -> bytes:
     """Return rows as CSV; a number stands in its shortest form that reads back exactly."""
     cells = [list(map(repr, values.tolist())) for values in columns]
-    cells += [list(map(quoted, words)) for words in texts]
+    cells += [list(map(csvtext.quoted, words)) for words in texts]
     return ("\n".join(map(",".join, zip(*cells, strict=True))) + "\n").encode()

@@ -18,6 +18,7 @@ from hdbench.records import TorqueScale
 from hdbench.records.journal import JournalContent, JournalWriter
 from hdbench.records.runfolder import RunFolder, utc_now, utc_text
 from hdbench.records.storage import keep_reserve
+from hdbench.session import plans
 from hdbench.session.calibrating.plan import (
     Preset,
     calibration_plan,
@@ -26,14 +27,6 @@ from hdbench.session.calibrating.plan import (
     write_points,
 )
 from hdbench.session.options import BenchOptions, Progress, RunOutcome, Task
-from hdbench.session.plans import (
-    PLAN_NAME,
-    Plan,
-    check_plan,
-    misalignment_plan,
-    motion_plan,
-    ripple_plan,
-)
 from hdbench.session.run import Run, kept
 from hdbench.session.stop import listen
 
@@ -44,7 +37,7 @@ def make_plan(
     motion: MotionPlan | None = None,
     *,
     preset: Preset | None = None,
-) -> Plan:
+) -> plans.Plan:
     """Plan an experiment and hold it against the profile's limits.
 
     Parameters
@@ -75,10 +68,10 @@ def make_plan(
         check_loads(profile)
         plan = calibration_plan(data, preset)
     elif motion is not None:
-        plan = motion_plan(kind, motion, data)
+        plan = plans.motion_plan(kind, motion, data)
     else:
-        plan = misalignment_plan(data) if kind == "misalignment" else ripple_plan(data)
-    check_plan(plan, data)
+        plan = plans.misalignment_plan(data) if kind == "misalignment" else plans.ripple_plan(data)
+    plans.check_plan(plan, data)
     return plan
 
 
@@ -132,7 +125,7 @@ def run_experiment(
             if plan.points:
                 write_points(folder.path, plan.points, plan.preset or "report")
             elif plan.motion is not None:
-                write_plan(folder.path / PLAN_NAME, plan.motion)
+                write_plan(folder.path / plans.PLAN_NAME, plan.motion)
             run = Run(Task(kind, profile, options, plan, scale, model, folder, stop, progress))
             run.measure()
             return run.evaluate()
@@ -235,11 +228,11 @@ def _resumable(path: Path) -> RunFolder:
     return folder
 
 
-def _stored_plan(folder: RunFolder, profile: Profile) -> Plan:
+def _stored_plan(folder: RunFolder, profile: Profile) -> plans.Plan:
     kind = str(folder.manifest["kind"])
     if kind == "calibration":
         plan = sequence_plan(read_points(folder.path), profile.data)
-        check_plan(plan, profile.data)
+        plans.check_plan(plan, profile.data)
         return plan
     if kind not in ("misalignment", "ripple"):
         raise UsageError(
@@ -247,7 +240,7 @@ def _stored_plan(folder: RunFolder, profile: Profile) -> Plan:
             where=str(folder.path),
             fix="only calibration, misalignment and ripple runs can be resumed",
         )
-    file = folder.path / PLAN_NAME
+    file = folder.path / plans.PLAN_NAME
     return make_plan(kind, profile, read_plan(file) if file.is_file() else None)
 
 

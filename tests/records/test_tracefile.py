@@ -60,7 +60,7 @@ def test_a_large_file_is_read_by_pieces_to_the_same_bits(tmp_path, monkeypatch):
     head = "time_s,torque_nm,motor_velocity_rad_s\n"
     whole = read_trace(put(tmp_path, head + rows))
     monkeypatch.setattr(tracefile, "_PIECE_BYTES", 1000)
-    monkeypatch.setattr(tracefile, "read_raw", None)  # nothing reads the file at once
+    monkeypatch.setattr(csvtext, "read_raw", None)  # nothing reads the file at once
     parts = read_trace(put(tmp_path, head + rows, "pieces.csv"))
     assert {n: v.tobytes() for n, v in parts.columns.items()} == {
         n: v.tobytes() for n, v in whole.columns.items()

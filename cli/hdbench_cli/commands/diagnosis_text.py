@@ -14,15 +14,7 @@ from hdbench.records import FloatArray
 from hdbench.report.diagnosis.folder import read_columns
 from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
 from hdbench.report.numbers import name_words
-from hdbench.results.diagnosis import (
-    DiagnosedPart,
-    DiagnosisResult,
-    NamedCause,
-    ParameterValue,
-    RecordPart,
-    Unexplained,
-    Voice,
-)
+from hdbench.results import diagnosis
 from hdbench_cli.output import Output
 from hdbench_cli.text import (
     Lines,
@@ -71,7 +63,7 @@ _SKETCHES = {
 
 
 def lines(
-    result: DiagnosisResult, folder: Path | None = None, console: Console | None = None
+    result: diagnosis.DiagnosisResult, folder: Path | None = None, console: Console | None = None
 ) -> Lines:
     """Yield a diagnosis, with curves from the files in its folder where there is one.
 
@@ -169,7 +161,7 @@ def _span(curves: Iterable[Sequence[float] | FloatArray]) -> tuple[float, float]
     return (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
 
 
-def _part(part: DiagnosedPart | None) -> str:
+def _part(part: diagnosis.DiagnosedPart | None) -> str:
     if part is None:
         return ""
     cut = ": the most that one diagnosis takes; --from-s names others" if part.cut else ""
@@ -181,7 +173,7 @@ def _size(value: float, std: float | None, unit: str) -> str:
     return with_uncertainty({"value": value, "std": std, "dof": None}, unit)
 
 
-def _parameter(name: str, found: ParameterValue) -> str:
+def _parameter(name: str, found: diagnosis.ParameterValue) -> str:
     unit = "" if found.unit == "1" else found.unit
     number = f"{found.value:.5g} {unit}"
     if found.std is not None:
@@ -189,7 +181,7 @@ def _parameter(name: str, found: ParameterValue) -> str:
     return f"{name_words(name)} {number}".rstrip()
 
 
-def _cause(cause: NamedCause) -> Lines:
+def _cause(cause: diagnosis.NamedCause) -> Lines:
     others = [name for name in (*cause.group, *cause.rivals) if name != cause.name]
     head = wrapped(cause.name, "bold")
     if others:
@@ -219,7 +211,7 @@ def _cause(cause: NamedCause) -> Lines:
         yield from (wrapped(f"    {one.record}: {_sizes(one)}") for one in cause.voices)
 
 
-def _sizes(voice: Voice) -> str:
+def _sizes(voice: diagnosis.Voice) -> str:
     """Return the sizes of a cause in one record, without what an amplitude says too."""
     shown = [
         f"{name} {_size(found.value, found.std, found.unit)}"
@@ -250,7 +242,7 @@ def _sketch(domain: str, folder: Path, width: int, plain: bool) -> Iterator[str]
     yield f"  {before} -> {after}  {words} {table[axis][0]:.3g} to {table[axis][-1]:.3g}"
 
 
-def _place(place: Unexplained) -> Lines:
+def _place(place: diagnosis.Unexplained) -> Lines:
     low, high = place.extent
     unit = "" if place.unit == "1" else f" {place.unit}"
     second = f", with {place.second_domain}" if place.second_domain else ""
@@ -280,7 +272,7 @@ def _baseline(settings: Mapping[str, Any]) -> Lines:
         yield wrapped(f"{'cannot tell':<{_LABEL}} the zero from {names} ({own} of its own)")
 
 
-def _gain(result: DiagnosisResult, folder: Path | None) -> Lines:
+def _gain(result: diagnosis.DiagnosisResult, folder: Path | None) -> Lines:
     """Yield what the extended model gains, the next run, and what would have been seen."""
     before, after = result.simulated.heldout_rms_nm, result.extended.heldout_rms_nm
     if before is not None and after is not None:
@@ -307,7 +299,7 @@ def _gain(result: DiagnosisResult, folder: Path | None) -> Lines:
     yield from _labelled("limits", f"90 % seen from, N m: {', '.join(sizes)}" if sizes else "")
 
 
-def _record(one: RecordPart, result: DiagnosisResult) -> str:
+def _record(one: diagnosis.RecordPart, result: diagnosis.DiagnosisResult) -> str:
     """Say what the extended model makes of a record, or why the record took no part."""
     if one.left_out:
         return f"{one.record} left out: {one.left_out}"
@@ -320,7 +312,7 @@ def _record(one: RecordPart, result: DiagnosisResult) -> str:
     return line
 
 
-def names_line(result: DiagnosisResult, room: int | None = None) -> str:
+def names_line(result: diagnosis.DiagnosisResult, room: int | None = None) -> str:
     """Say how many names of the catalogue this record can show, and why not the others.
 
     With a room, in characters, reasons stand with counts instead of names, as many as fit.

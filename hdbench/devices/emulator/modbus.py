@@ -16,14 +16,7 @@ from hdbench.devices.modbus.identity import SIGNATURE, signature_address
 from hdbench.devices.modbus.inputs import input_info
 from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.registers import Register, Space
-from hdbench.profile.acquiring_modbus import (
-    ModbusAcquisition,
-    ModbusChannel,
-    ModbusIdentify,
-    ModbusOutput,
-    ModbusPlace,
-    ModbusWatchdog,
-)
+from hdbench.profile import acquiring_modbus
 
 # what a coupler has as its time when it is switched on, s
 _FACTORY_S = 1.0
@@ -43,7 +36,7 @@ class DeviceWatchdog:
         Monotonic clock, s.
     """
 
-    spec: ModbusWatchdog
+    spec: acquiring_modbus.ModbusWatchdog
     trip: Callable[[], None]
     clock: Callable[[], float]
 
@@ -92,14 +85,14 @@ class DeviceWatchdog:
             self._fed_s = self.clock()
 
 
-def told(rule: ModbusIdentify) -> float:
+def told(rule: acquiring_modbus.ModbusIdentify) -> float:
     """Return a value that keeps a rule."""
     if rule.equals is not None:
         return rule.equals
     return rule.low if rule.low is not None else rule.high or 0.0
 
 
-def otherwise(rule: ModbusIdentify) -> float:
+def otherwise(rule: acquiring_modbus.ModbusIdentify) -> float:
     """Return a value that breaks a rule."""
     if rule.mask is not None:
         return float(int(told(rule)) ^ rule.mask)
@@ -127,7 +120,7 @@ class Driving:
         self,
         add: Callable[..., Cell],
         instrument: SimulatedInstrument,
-        output: ModbusOutput,
+        output: acquiring_modbus.ModbusOutput,
         clock: Callable[[], float],
     ) -> None:
         self.watchdog: DeviceWatchdog | None = None
@@ -161,7 +154,7 @@ class Driving:
         def set_time(value: float) -> None:
             watchdog.steps = int(value)
 
-        def clear(at: ModbusPlace, value: float) -> None:
+        def clear(at: acquiring_modbus.ModbusPlace, value: float) -> None:
             for number, write in enumerate(spec.clear):
                 here = (write.table, write.address) == (at.table, at.address)
                 if here and value == write.value:
@@ -212,7 +205,7 @@ class ModbusDevice(MemoryDevice):
     functions = frozenset((1, 2, 3, 4, 5, 6, 16))
 
     instrument: SimulatedInstrument
-    table: ModbusAcquisition
+    table: acquiring_modbus.ModbusAcquisition
     _: KW_ONLY
     amperes_per_v: float
     clock: Callable[[], float] = time.monotonic
@@ -250,7 +243,7 @@ class ModbusDevice(MemoryDevice):
             self.watchdog.tick()
         self.instrument.catch_up()
 
-    def add(self, place: ModbusPlace, value: float = 0.0, **access: Any) -> Cell:
+    def add(self, place: acquiring_modbus.ModbusPlace, value: float = 0.0, **access: Any) -> Cell:
         """Put a cell where a place of the profile says; `access` is the rest of `Cell`."""
         return self.memory.add(Cell(place_of(self.table, place), value, **access))
 
@@ -272,7 +265,7 @@ class ModbusDevice(MemoryDevice):
         for write in table.init:
             self.add(write)
 
-    def _read(self, channel: ModbusChannel) -> float:
+    def _read(self, channel: acquiring_modbus.ModbusChannel) -> float:
         self._refresh()
         info = input_info(self.table, channel)
         if not info.wrap:
@@ -283,7 +276,7 @@ class ModbusDevice(MemoryDevice):
         signed = channel.type.startswith("i") and count >= info.wrap // 2
         return float(count - info.wrap if signed else count)
 
-    def _raw(self, channel: ModbusChannel) -> float:
+    def _raw(self, channel: acquiring_modbus.ModbusChannel) -> float:
         """Return a channel in steps of its register, not rounded, its sign kept."""
         info = input_info(self.table, channel)
         value = min(max(self._seen[channel.role], info.low), info.high)
@@ -316,7 +309,7 @@ class ModbusDevice(MemoryDevice):
         self._seen["encoder"] = float(looked.count[-1])
 
 
-def emulate_modbus(emulation: Emulation, table: ModbusAcquisition) -> ModbusWire:
+def emulate_modbus(emulation: Emulation, table: acquiring_modbus.ModbusAcquisition) -> ModbusWire:
     """Return a device with the registers of `table` and a simulated bench behind them."""
     device = ModbusDevice(emulation.instrument, table, amperes_per_v=emulation.amperes_per_v)
     return ModbusWire(device, on_line=table.serial is not None)

@@ -7,14 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hdbench.devices.registers import FORMATS, Register, Space, decode, encode, ordered
-from hdbench.devices.wire.link import (
-    Request,
-    read_bits,
-    read_registers,
-    write_bit,
-    write_register,
-    write_registers,
-)
+from hdbench.devices.wire import link
 from hdbench.profile.acquiring_modbus import (
     ModbusAcquisition,
     ModbusIdentify,
@@ -77,11 +70,11 @@ class Block:
     size: int
     name: str
 
-    def request(self) -> Request:
+    def request(self) -> link.Request:
         """Return the read and the check of its reply."""
         if self.space in _BIT_READS:
-            return read_bits(self.start, self.size, function=_BIT_READS[self.space])
-        return read_registers(self.start, self.size, function=_REGISTER_READS[self.space])
+            return link.read_bits(self.start, self.size, function=_BIT_READS[self.space])
+        return link.read_registers(self.start, self.size, function=_REGISTER_READS[self.space])
 
     @property
     def reply_bytes(self) -> int:
@@ -103,14 +96,14 @@ def place_of(table: ModbusAcquisition, place: ModbusPlace) -> Register:
     return Register(name, place.address - first, place.type, space=place.table, order=place.order)
 
 
-def write_request(place: Register, value: float, function: int | None = None) -> Request:
+def write_request(place: Register, value: float, function: int | None = None) -> link.Request:
     """Return a write of one value; raises `ValueError` where its type does not hold it."""
     if place.is_bit:
-        return write_bit(place.address, on=bool(value))
+        return link.write_bit(place.address, on=bool(value))
     raw = encode(value, place.kind, place.order)
     if function == 6 or (function is None and place.size == 1):
-        return write_register(place.address, int.from_bytes(raw, "big"))
-    return write_registers(place.address, raw)
+        return link.write_register(place.address, int.from_bytes(raw, "big"))
+    return link.write_registers(place.address, raw)
 
 
 def form_of(place: Register) -> tuple[str, tuple[int, ...]]:

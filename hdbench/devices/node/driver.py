@@ -10,17 +10,8 @@ from functools import partial
 
 import numpy as np
 
+from hdbench.devices import daq
 from hdbench.devices.bench import SafeState
-from hdbench.devices.daq import (
-    ROLE_UNITS,
-    Capabilities,
-    DaqSettings,
-    InputInfo,
-    Role,
-    ScanBlock,
-    WatchdogInfo,
-    WatchdogState,
-)
 from hdbench.devices.driver import Driver, later
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.node import registers as reg
@@ -54,13 +45,13 @@ def exchange_rate_hz(address: Address, n_channels: int) -> float:
     return _SUSTAINED / address.serial.exchange_s(REQUEST_CHARACTERS, received)
 
 
-def _input(role: Role, limits: Mapping[str, Value]) -> InputInfo:
+def _input(role: daq.Role, limits: Mapping[str, Value]) -> daq.InputInfo:
     if role == "encoder":
-        return InputInfo(role, -(2.0**31), 2.0**31 - 1.0, bits=32, wrap=2**32)
-    key = "current_range_a" if ROLE_UNITS[role] == "A" else "range_v"
+        return daq.InputInfo(role, -(2.0**31), 2.0**31 - 1.0, bits=32, wrap=2**32)
+    key = "current_range_a" if daq.ROLE_UNITS[role] == "A" else "range_v"
     bits = int(limits["converter_bits"])
     top = 1.0 - 2.0 ** (1 - bits)
-    return InputInfo(role, -float(limits[key]), top * float(limits[key]), bits=bits)
+    return daq.InputInfo(role, -float(limits[key]), top * float(limits[key]), bits=bits)
 
 
 @dataclass(eq=False)
@@ -92,7 +83,7 @@ class NodeDaq:
         # a block exchange feeds the watchdog, too
         self.feed_watchdog, self.close = node.feed, node.close
         self._reader: BlockReader | None = None
-        self._settings: DaqSettings | None = None
+        self._settings: daq.DaqSettings | None = None
         self._next_poll_s = 0.0
 
     @property
@@ -100,7 +91,7 @@ class NodeDaq:
         """Requests that were sent again so far."""
         return self.node.repeats
 
-    def capabilities(self) -> Capabilities:
+    def capabilities(self) -> daq.Capabilities:
         """Return what the node can do over this wire."""
         limits = self.limits()
         fastest_hz = 1e9 / float(limits["min_period_ns"])
@@ -108,13 +99,13 @@ class NodeDaq:
             min(fastest_hz, self.exchanges_hz(n) * reg.block_scans(n))
             for n in range(1, len(reg.CHANNELS) + 1)
         )
-        return Capabilities(
+        return daq.Capabilities(
             inputs=tuple(_input(role, limits) for role in reg.CHANNELS),
             max_rates_hz=rates,
             min_rate_hz=1e9 / float(limits["max_period_ns"]),
             generator=True,
             enable=True,
-            watchdog=WatchdogInfo(
+            watchdog=daq.WatchdogInfo(
                 min_s=1e-3 * float(limits["watchdog_min_ms"]),
                 max_s=1e-3 * float(limits["watchdog_max_ms"]),
                 fed_by="heartbeat",
@@ -127,7 +118,7 @@ class NodeDaq:
         self.identity()
         self.node.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
 
-    def configure(self, settings: DaqSettings) -> float:
+    def configure(self, settings: daq.DaqSettings) -> float:
         """Write the parameter block with the watchdog time, read it back, return the period, s."""
         self.identity()
         wanted = parameter_values(settings, self.limits())
@@ -153,7 +144,7 @@ class NodeDaq:
         )
         self._next_poll_s = 0.0
 
-    def read_block(self) -> ScanBlock | None:
+    def read_block(self) -> daq.ScanBlock | None:
         """Acknowledge the previous block and return the next; None when none is ready yet.
 
         Notes
@@ -223,11 +214,11 @@ class NodeDaq:
             )
         return found_s
 
-    def watchdog(self) -> WatchdogState:
+    def watchdog(self) -> daq.WatchdogState:
         """Return the watchdog's state."""
         state = self.status()["state"]
         running, tripped = state == reg.State.RUNNING, state == reg.State.TRIPPED
-        return WatchdogState(running, tripped, self._watchdog_s())
+        return daq.WatchdogState(running, tripped, self._watchdog_s())
 
     def clear_watchdog(self) -> None:
         """Clear a latched trip by writing the parameter block as it stands."""
@@ -237,7 +228,7 @@ class NodeDaq:
             reg.PARAMETERS, parameter_values(self._settings, self.limits())
         )
 
-    def snapshot(self) -> Mapping[Role, float]:
+    def snapshot(self) -> Mapping[daq.Role, float]:
         """Return reference, V, speed as tacho volts, and encoder count of this moment."""
         status = self.status()
         return {

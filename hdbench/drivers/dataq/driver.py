@@ -8,16 +8,9 @@ from typing import NoReturn
 
 import numpy as np
 
+from hdbench.devices import daq
 from hdbench.devices.base import DeviceBase
 from hdbench.devices.bench import Identity
-from hdbench.devices.daq import (
-    Capabilities,
-    DaqSettings,
-    InputInfo,
-    Role,
-    ScanBlock,
-    clean_text,
-)
 from hdbench.devices.driver import Driver, later
 from hdbench.drivers.dataq import scans
 from hdbench.drivers.dataq.port import Commands, Port, port_path
@@ -88,11 +81,11 @@ def _version(text: str) -> str:
         return text
 
 
-def _input(channel: DataqChannel, bits: int) -> InputInfo:
+def _input(channel: DataqChannel, bits: int) -> daq.InputInfo:
     if channel.input == "counter":
-        return InputInfo(channel.role, 0.0, scans.WRAP - 1.0, 32, scans.WRAP)
+        return daq.InputInfo(channel.role, 0.0, scans.WRAP - 1.0, 32, scans.WRAP)
     end = channel.range_v * abs(channel.scale)
-    return InputInfo(channel.role, -end, end, bits)
+    return daq.InputInfo(channel.role, -end, end, bits)
 
 
 def max_rates_hz(table: DataqAcquisition) -> tuple[float, ...]:
@@ -122,17 +115,17 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
         self._table = table
         self._quiet = False
 
-    def capabilities(self) -> Capabilities:
+    def capabilities(self) -> daq.Capabilities:
         """Return what the instrument can do as the profile wires it."""
         table, model = self._table, scans.MODELS[self._table.model]
         entries = len(scans.plan_scan(table, table.roles).words)
-        return Capabilities(
+        return daq.Capabilities(
             inputs=tuple(_input(channel, model.bits) for channel in table.channels),
             max_rates_hz=max_rates_hz(table),
             min_rate_hz=scans.lowest_rate_hz(model, entries),
         )
 
-    def configure(self, settings: DaqSettings) -> float:
+    def configure(self, settings: daq.DaqSettings) -> float:
         """Send scan list, rate and packet size, and return the actual sample period, s."""
         self.identity()
         self._acquisition = None
@@ -150,7 +143,7 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
         self._commands.start()
         acquisition.begin()
 
-    def read_block(self) -> ScanBlock | None:
+    def read_block(self) -> daq.ScanBlock | None:
         """Return the next scans; None when none has come yet."""
         acquisition = self._running()
         try:
@@ -171,7 +164,7 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
             return
         acquisition.stop(self._be_quiet())
 
-    def snapshot(self) -> Mapping[Role, float]:
+    def snapshot(self) -> Mapping[daq.Role, float]:
         """Return the mean of a short stream; empty while an acquisition has the inputs."""
         if self._acquisition is not None and self._acquisition.sampling:
             return {}
@@ -219,7 +212,7 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
         packet_s = (16 << code) / plan.scan_bytes * rate.period_s
         return scans.Acquisition(plan, rate.period_s, packet_s, n_samples, encoder=encoder)
 
-    def _encoder(self, roles: tuple[Role, ...]) -> tuple[int, int] | None:
+    def _encoder(self, roles: tuple[daq.Role, ...]) -> tuple[int, int] | None:
         """Return counts per edge and the tacho's channel, where an encoder is sampled."""
         spec = next((c for c in self._table.channels if c.role == "encoder"), None)
         if spec is None or "encoder" not in roles:
@@ -236,7 +229,9 @@ class DataqDaq(DeviceBase[scans.Acquisition]):
         srate = max(model.shortest(entries), round(model.clock_hz(entries) * _LOOK_PERIOD_S))
         return min(srate, model.srate_max) / model.clock_hz(entries)
 
-    def _mean_of(self, look: scans.Acquisition, roles: tuple[Role, ...]) -> dict[Role, float]:
+    def _mean_of(
+        self, look: scans.Acquisition, roles: tuple[daq.Role, ...]
+    ) -> dict[daq.Role, float]:
         """Return the mean of the stream's scans; empty where too few came in time."""
         until_s = time.monotonic() + _LOOK_S
         values = []
@@ -292,7 +287,7 @@ def probe(path: str) -> str:
         until_s, reply = time.monotonic() + _PROBE_S, b""
         while time.monotonic() < until_s and len(reply) < 64:
             reply += line.read(64)
-    said = clean_text(reply.replace(b"\r", b" "))
+    said = daq.clean_text(reply.replace(b"\r", b" "))
     return f"DATAQ: {said.removeprefix('info 1').strip()}" if said.startswith("info 1 ") else ""
 
 

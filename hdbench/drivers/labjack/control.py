@@ -11,14 +11,7 @@ from collections.abc import Sequence
 
 from hdbench.devices.registers import Register, decode
 from hdbench.devices.transactor import TWICE, Transactor
-from hdbench.devices.wire.link import (
-    ExceptionReply,
-    FrameError,
-    ReplyForm,
-    Request,
-    read_registers,
-    write_registers,
-)
+from hdbench.devices.wire import link
 from hdbench.drivers.labjack.registers import LAST_ERROR, SESSION, error_name
 from hdbench.errors import BusyError, DeviceError, HdbenchError
 
@@ -30,7 +23,7 @@ _MAX_PDU = 253
 Write = tuple[Register, float]
 
 
-def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Request:
+def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> link.Request:
     """Return a request that writes first and reads afterwards, with the check of its reply.
 
     Frame: kind (1 byte: 0 read, 1 write), address (2), number of registers (1), and for a write
@@ -50,7 +43,7 @@ def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Requ
     if max(len(request), size) > _MAX_PDU:
         raise ValueError(f"{max(len(request), size)} bytes; a frame holds {_MAX_PDU}")
 
-    return request, ReplyForm(bytes((FUNCTION,)), size)
+    return request, link.ReplyForm(bytes((FUNCTION,)), size)
 
 
 class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
@@ -74,7 +67,7 @@ class Control(Transactor):
 
     def read_block(self, registers: Sequence[Register]) -> list[float | int]:
         """Return the values of adjacent registers, by function 3."""
-        request = read_registers(registers[0].address, sum(each.size for each in registers))
+        request = link.read_registers(registers[0].address, sum(each.size for each in registers))
         return decoded(registers, self.ask(request, registers[0], TWICE)[2:])
 
     def write(self, registers: Sequence[Register], values: Sequence[float]) -> None:
@@ -83,7 +76,7 @@ class Control(Transactor):
             raise ValueError(f"not written by this driver: {registers[0].name}")
         pairs = zip(registers, values, strict=True)
         raw = b"".join(register.encode(value) for register, value in pairs)
-        self.ask(write_registers(registers[0].address, raw), registers[0], 1)
+        self.ask(link.write_registers(registers[0].address, raw), registers[0], 1)
 
     def feedback(
         self,
@@ -102,11 +95,11 @@ class Control(Transactor):
         """Return an error that names a register."""
         return self.error(what, f"register {register.describe()}", fix)
 
-    def ask(self, request: Request, first: Register, attempts: int) -> bytes:
+    def ask(self, request: link.Request, first: Register, attempts: int) -> bytes:
         """Send a request for registers and return the PDU of its reply."""
         return self.transact(lambda: request, f"register {first.describe()}", attempts)
 
-    def _refused(self, reply: ExceptionReply, name: str, until_s: float) -> HdbenchError:
+    def _refused(self, reply: link.ExceptionReply, name: str, until_s: float) -> HdbenchError:
         """Return what the device's exception means, with its own code."""
         code = self._error_code(until_s)
         why = f": {error_name(code)}" if code else ""
@@ -120,10 +113,10 @@ class Control(Transactor):
 
     def _error_code(self, until_s: float) -> int:
         """Ask once, in what is left of the deadline, for the device's own error code."""
-        request, check = read_registers(LAST_ERROR[0].address, 1)
+        request, check = link.read_registers(LAST_ERROR[0].address, 1)
         try:
             return int.from_bytes(self._link.transact(request, check, until_s)[2:], "big")
-        except (ExceptionReply, FrameError):
+        except (link.ExceptionReply, link.FrameError):
             return 0
 
 

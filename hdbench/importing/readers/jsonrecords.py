@@ -11,18 +11,8 @@ from typing import IO, Any
 import numpy as np
 from pydantic_core import from_json
 
+from hdbench.importing import source
 from hdbench.importing.layout import stamp_seconds
-from hdbench.importing.source import (
-    MOST_CHANNELS,
-    Channel,
-    Piece,
-    Source,
-    damaged,
-    finite_or_nan,
-    piece_rows,
-    spelled,
-    text_cells,
-)
 from hdbench.importing.units import is_time_name, stated_unit
 
 _FORM = "JSON file"
@@ -49,7 +39,7 @@ class _Text:
     def _more(self) -> bool:
         block = "" if self._done else self._file.read(_BLOCK)
         if "\0" in block:
-            raise damaged(self._path, _FORM, "it holds a NUL character")
+            raise source.damaged(self._path, _FORM, "it holds a NUL character")
         self._text, self._at = self._text[self._at :] + block, 0
         self._done = not block
         return not self._done
@@ -68,7 +58,7 @@ class _Text:
         """Pass one character over."""
         if self.peek() != expected:
             found = self.peek() or "the end of the file"
-            raise damaged(self._path, _FORM, f"found {found!r}, needed: {expected!r}")
+            raise source.damaged(self._path, _FORM, f"found {found!r}, needed: {expected!r}")
         self._at += 1
 
     def several(self) -> list[Any]:
@@ -97,7 +87,7 @@ class _Text:
             except json.JSONDecodeError as error:
                 cut = error.msg
             except RecursionError:
-                raise damaged(self._path, _FORM, "nested too deeply") from None
+                raise source.damaged(self._path, _FORM, "nested too deeply") from None
             else:
                 # a number at the end of the window may go on behind it
                 if end < len(self._text) or self._done or isinstance(value, dict | list | str):
@@ -105,7 +95,7 @@ class _Text:
                     return value
                 cut = "the end of the file"
             if len(self._text) - self._at > _LONGEST or not self._more():
-                raise damaged(self._path, _FORM, cut)
+                raise source.damaged(self._path, _FORM, cut)
 
 
 def _records(text: _Text, other: dict[str, Any]) -> Iterator[_Record]:
@@ -144,7 +134,7 @@ def _object(text: _Text, other: dict[str, Any]) -> Iterator[_Record]:
                 continue
             values: list[Any] = []
             while text.peek() not in ("]", ""):
-                if len(values) < MOST_CHANNELS:
+                if len(values) < source.MOST_CHANNELS:
                     values.append(text.value())
                 else:
                     text.value()
@@ -175,7 +165,7 @@ def _flat(record: Mapping[str, Any], before: str = "", depth: int = 0) -> dict[s
     return flat
 
 
-class _JsonSource(Source):
+class _JsonSource(source.Source):
     row_word = "record"
 
     def __init__(self, path: Path) -> None:
@@ -194,14 +184,14 @@ class _JsonSource(Source):
         kept = [pair for pair, useful in kinds.items() if useful]
         self._keys = self.hold(
             [
-                (Channel(f"{g}{key}", "s", g, True), (g, key))
+                (source.Channel(f"{g}{key}", "s", g, True), (g, key))
                 if (g, key) in stamped
-                else (Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)), (g, key))
+                else (source.Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)), (g, key))
                 for g, key in kept
             ]
         )
         self.notes = tuple(
-            f"{spelled(key)} = {spelled(str(value))[:40]}"
+            f"{source.spelled(key)} = {source.spelled(str(value))[:40]}"
             for key, value in other.items()
             if isinstance(value, str | int | float)
         )
@@ -210,11 +200,11 @@ class _JsonSource(Source):
         with self.path.open(encoding="utf-8-sig") as file:
             yield from _records(_Text(self.path, file), other)
 
-    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+    def pieces(self, names: Sequence[str]) -> Iterator[source.Piece]:
         keys = [self._keys[name][1] for name in names]
         group = self._keys[names[0]][0]
         rows: list[list[Any]] = []
-        most = piece_rows(8 * len(names))
+        most = source.piece_rows(8 * len(names))
         for found, record in self._all({}):
             if found != group:
                 continue
@@ -226,19 +216,21 @@ class _JsonSource(Source):
             yield _piece(names, rows)
 
 
-def _piece(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Piece:
+def _piece(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> source.Piece:
     piece: dict[str, Any] = {}
     for name, values in zip(names, zip(*rows, strict=True), strict=True):
         kinds = set(map(type, values))
         if str in kinds:
-            piece[name] = text_cells(["" if value is None else str(value) for value in values])
+            piece[name] = source.text_cells(
+                ["" if value is None else str(value) for value in values]
+            )
         elif kinds == {float}:
             piece[name] = np.array(values)
         else:
-            piece[name] = np.array([finite_or_nan(value) for value in values])
+            piece[name] = np.array([source.finite_or_nan(value) for value in values])
     return piece
 
 
-def open_file(path: Path) -> Source:
+def open_file(path: Path) -> source.Source:
     """Open a JSON file."""
     return _JsonSource(path)

@@ -19,15 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.importing.source import (
-    Channel,
-    Piece,
-    Source,
-    closed_on_error,
-    damaged,
-    piece_rows,
-    spelled,
-)
+from hdbench.importing import source
 
 _FORM = "ROS bag"
 _NAMES = ("name", "names", "joint_names")
@@ -201,7 +193,7 @@ class _Getter:
         return found[:, index] if found is not None and 0 <= index < found.shape[1] else None
 
 
-class _RosSource(Source):
+class _RosSource(source.Source):
     row_word = "message"
 
     def __init__(self, path: Path, reader: Any, close: Callable[[], None]) -> None:
@@ -213,7 +205,7 @@ class _RosSource(Source):
         known = stores.LATEST if self._ros2 else stores.ROS1_NOETIC
         self._types: dict[str, Any] = dict(typesys.get_typestore(known).fielddefs)
         notes: list[str] = []
-        made: list[tuple[Channel, _Getter]] = []
+        made: list[tuple[source.Channel, _Getter]] = []
         self._topics: dict[str, Any] = {}
         for connection in reader.connections:
             self._learn(typesys, connection)
@@ -221,7 +213,9 @@ class _RosSource(Source):
             if topic in self._topics:
                 continue
             if connection.msgtype not in self._types:
-                notes.append(f"topic {spelled(topic)}: no definition of {connection.msgtype!r:.80}")
+                notes.append(
+                    f"topic {source.spelled(topic)}: no definition of {connection.msgtype!r:.80}"
+                )
                 continue
             self._topics[topic] = connection
             made += self._channels(connection)
@@ -249,7 +243,7 @@ class _RosSource(Source):
     def _layout(self, kind: str, raw: bytes) -> RosMessage:
         return RosMessage(self._types, raw, kind, ros2=self._ros2)
 
-    def _channels(self, connection: Any) -> list[tuple[Channel, _Getter]]:
+    def _channels(self, connection: Any) -> list[tuple[source.Channel, _Getter]]:
         topic = connection.topic
         first = next(self._messages(connection), None)
         if first is None:
@@ -260,7 +254,7 @@ class _RosSource(Source):
         times = ("received",) if stamp is None or not stamp[0] else ("stamp", "received")
         rows = connection.msgcount
         made = [
-            (Channel(f"{topic}/{name}", "ns", topic, name == times[0], rows), _Getter(name))
+            (source.Channel(f"{topic}/{name}", "ns", topic, name == times[0], rows), _Getter(name))
             for name in times
         ]
         units = _UNITS.get(connection.msgtype, {})
@@ -269,21 +263,21 @@ class _RosSource(Source):
                 continue
             for name, getter in _elements(path, place, layout):
                 unit = units.get(path, "")
-                made.append((Channel(f"{topic}/{name}", unit, topic, False, rows), getter))
+                made.append((source.Channel(f"{topic}/{name}", unit, topic, False, rows), getter))
         return made
 
-    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+    def pieces(self, names: Sequence[str]) -> Iterator[source.Piece]:
         clocks = {c.name: c.clock for c in self.channels}
         getters = {name: self._getters[name] for name in names}
         messages = self._messages(self._topics[clocks[names[0]]])
         for first in messages:
             # others of a topic are about as long
-            rest = itertools.islice(messages, piece_rows(len(first[2]) // 4) - 1)
+            rest = itertools.islice(messages, source.piece_rows(len(first[2]) // 4) - 1)
             yield self._piece([first, *rest], getters)
 
     def _piece(
         self, messages: Sequence[tuple[int, str, bytes]], getters: Mapping[str, _Getter]
-    ) -> Piece:
+    ) -> source.Piece:
         piece: dict[str, NDArray[Any]] = {}
         for name, getter in getters.items():
             whole = getter.path in ("stamp", "received")
@@ -341,10 +335,10 @@ def _elements(path: str, place: _Place, layout: RosMessage) -> list[tuple[str, _
     return [(f"{path}[{k}]", _Getter(path, k)) for k in range(place.count)]
 
 
-def open_file(path: Path) -> Source:
+def open_file(path: Path) -> source.Source:
     """Open a bag."""
     held = ExitStack()
-    with closed_on_error(held.close):
+    with source.closed_on_error(held.close):
         reader = _reader(path, Path(held.enter_context(tempfile.TemporaryDirectory())))
         reader.open()
         held.callback(reader.close)
@@ -371,10 +365,10 @@ def _check_sqlite(path: Path) -> None:
     with path.open("rb") as file:
         header = file.read(100)
     if len(header) < 100:
-        raise damaged(path, _FORM, f"{len(header)} bytes, less than a database has")
+        raise source.damaged(path, _FORM, f"{len(header)} bytes, less than a database has")
     page = int.from_bytes(header[16:18], "big")
     page = 65536 if page == 1 else page
     pages = int.from_bytes(header[28:32], "big")
     size = path.stat().st_size
     if pages and page * pages > size:
-        raise damaged(path, _FORM, f"{size} bytes of {page * pages}, as its header says")
+        raise source.damaged(path, _FORM, f"{size} bytes of {page * pages}, as its header says")

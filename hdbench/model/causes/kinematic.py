@@ -7,17 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdbench.model.causes import _parts as parts
 from hdbench.model.causes._memory import even_step, remembered, resonance
-from hdbench.model.causes._parts import (
-    Computed,
-    Shape,
-    all_of,
-    lobe_angle,
-    motor_turns,
-    output_turns,
-    pair,
-    speed_varies,
-)
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
@@ -30,7 +21,7 @@ _HARMONICS = (1.0, 2.0, 4.0)
 _TURNS = 3
 
 
-def _kinematic(motion: Motion, _: Shape) -> FloatArray:
+def _kinematic(motion: Motion, _: parts.Shape) -> FloatArray:
     inertia = motion.inertia_nm_s2 * motion.gear_ratio
     centripetal = -inertia * motion.velocity_rad_s**2
     tangential = inertia * motion.acceleration_rad_s2
@@ -51,7 +42,7 @@ def _has_inertia(motion: Motion) -> str | None:
     return "the load has no inertia here; needed: load_inertia_kg_m2 of the profile, kg m^2"
 
 
-def _transmission(motion: Motion, _: Shape) -> FloatArray:
+def _transmission(motion: Motion, _: parts.Shape) -> FloatArray:
     errors = _angle_errors(motion)
     slope = motion.ripple_slope_nm_per_rad
     return np.zeros_like(errors) if slope is None else -slope[:, None] * errors
@@ -60,7 +51,7 @@ def _transmission(motion: Motion, _: Shape) -> FloatArray:
 def _angle_errors(motion: Motion) -> FloatArray:
     angle, output, error = motion.angle_rad, motion.output_angle_rad, motion.angle_error_rad
     angle = angle if error is None else angle - error
-    waves = [pair(a) for a in (angle, output, 2.0 * output)]
+    waves = [parts.pair(a) for a in (angle, output, 2.0 * output)]
     return np.column_stack([*waves, motion.applied_nm])
 
 
@@ -81,8 +72,8 @@ def _has_ripple(motion: Motion) -> str | None:
     return "the simulated torque does not follow the motor angle; needed: a ripple in the model"
 
 
-def _resonance(motion: Motion, shape: Shape) -> FloatArray:
-    phase = lobe_angle(motion)
+def _resonance(motion: Motion, shape: parts.Shape) -> FloatArray:
+    phase = parts.lobe_angle(motion)
     at, starts = remembered(motion, phase)
     time, phase, damping = motion.time_s[at], phase[at], shape["damping"]
     pole = 2.0 * np.pi * shape["resonance_hz"] * complex(-damping, np.sqrt(1.0 - damping**2))
@@ -103,7 +94,13 @@ def _resonance(motion: Motion, shape: Shape) -> FloatArray:
 
 
 COMPUTED = {
-    "torsional-resonance": Computed(_resonance, all_of(motor_turns(1.0), speed_varies)),
-    "kinematic-error": Computed(_kinematic, all_of(motor_turns(1.0), _has_inertia)),
-    "transmission-error": Computed(_transmission, all_of(output_turns(1.0), _has_ripple)),
+    "torsional-resonance": parts.Computed(
+        _resonance, parts.all_of(parts.motor_turns(1.0), parts.speed_varies)
+    ),
+    "kinematic-error": parts.Computed(
+        _kinematic, parts.all_of(parts.motor_turns(1.0), _has_inertia)
+    ),
+    "transmission-error": parts.Computed(
+        _transmission, parts.all_of(parts.output_turns(1.0), _has_ripple)
+    ),
 }

@@ -23,19 +23,7 @@ from hdbench.report.numbers import (
 from hdbench.report.pagemodel import Column, Table
 from hdbench.report.texts import page_text
 from hdbench.results import CalibrationResult
-from hdbench.results.calibration import (
-    Acceptance,
-    AppliedTorqueAccount,
-    Criterion,
-    GainUncertainty,
-    IdentityRecord,
-    LoadGroup,
-    LoadStep,
-    ReadingRecord,
-    SideForce,
-    StandardsRecord,
-    TorqueRecord,
-)
+from hdbench.results import calibration as record
 
 # probability by chance below which a difference is told; its size is told with it
 _CHANCE = 0.05
@@ -80,12 +68,12 @@ def tables(result: CalibrationResult) -> tuple[Table, ...]:
     return tuple(made)
 
 
-def _identity(item: IdentityRecord) -> Table:
+def _identity(item: record.IdentityRecord) -> Table:
     rows = tuple((words, declared(getattr(item, key))) for key, words in _ITEM.items())
     return Table("What was calibrated", ("", ""), rows, page_text("item_note"))
 
 
-def _standards(standards: StandardsRecord, account: AppliedTorqueAccount) -> Table:
+def _standards(standards: record.StandardsRecord, account: record.AppliedTorqueAccount) -> Table:
     mass, length = standards.mass, standards.length
     meter, torque = standards.instrument, standards.torque
     grade = f"class {mass.accuracy_class}" if mass.accuracy_class else ""
@@ -104,12 +92,12 @@ def _standards(standards: StandardsRecord, account: AppliedTorqueAccount) -> Tab
     return Table("Standards", ("standard", "uncertainty", "certificate or source"), rows)
 
 
-def _expanded(standard: TorqueRecord) -> str:
+def _expanded(standard: record.TorqueRecord) -> str:
     size = standard.relative_expanded_uncertainty
     return "not declared" if size is None else f"U = {1e6 * size:.3g} ppm (k = 2)"
 
 
-def _gain(result: CalibrationResult, uncertainty: GainUncertainty) -> Table:
+def _gain(result: CalibrationResult, uncertainty: record.GainUncertainty) -> Table:
     one = result.gain_basis in ("residual", "repetitions")
     names = {
         "mean_of_positions": "this one position" if one else "mean of positions",
@@ -190,13 +178,13 @@ def _equations(result: CalibrationResult) -> Table:
     # deflections are kept positive with the load; a bridge wired the other way has the sign
     turn = -1.0 if float(result.gain_nm_per_v.value) < 0.0 else 1.0
 
-    def gain(group: LoadGroup) -> Any:
+    def gain(group: record.LoadGroup) -> Any:
         return group.gain_up_down_nm_per_v or group.gain_up_nm_per_v
 
     def line(left: str, slope: float, right: str) -> str:
         return f"{left} = {slope:.6g} {right}".replace("-", MINUS).replace(" ", NBSP)
 
-    def cubic(group: LoadGroup) -> str:
+    def cubic(group: record.LoadGroup) -> str:
         if group.cubic_v is None:
             return DASH
         a, b, c = (turn * float(x) for x in group.cubic_v)
@@ -236,7 +224,7 @@ def _classes(result: CalibrationResult) -> Table:
     return Table.of(title, columns, rows, note)
 
 
-def _criteria(group: LoadGroup) -> Iterator[tuple[str, str, Criterion]]:
+def _criteria(group: record.LoadGroup) -> Iterator[tuple[str, str, record.Criterion]]:
     """Yield every criterion once: loading and unloading differ from loading alone by their fit."""
     name = f"{group.direction}, {group.range}"
     up, both = (
@@ -252,7 +240,7 @@ def _criteria(group: LoadGroup) -> Iterator[tuple[str, str, Criterion]]:
                 yield name, f"fit, {words}", one
 
 
-def _acceptance(acceptance: Acceptance) -> Table:
+def _acceptance(acceptance: record.Acceptance) -> Table:
     words = {True: "yes", False: "no", None: "not testable"}
     columns: tuple[Column, ...] = (
         ("what", "name"),
@@ -286,7 +274,7 @@ def _budget(result: CalibrationResult) -> Table:
     )
 
 
-def _corrections(torque: AppliedTorqueAccount, force: SideForce | None) -> Table:
+def _corrections(torque: record.AppliedTorqueAccount, force: record.SideForce | None) -> Table:
     note = ""
     rows: list[tuple[str, ...]] = [
         (
@@ -330,13 +318,13 @@ def _experiments(result: CalibrationResult) -> Table:
     return Table.of(title, columns, result.experiments, note)
 
 
-def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
+def _steps(result: CalibrationResult, group: record.LoadGroup) -> Table:
     """Return the evaluation step by step of one group."""
 
     def best(key: str, form: Any = percent) -> Any:
         return lambda step: form(getattr(step.increasing_decreasing or step.increasing, key, None))
 
-    def off(step: LoadStep) -> str:
+    def off(step: record.LoadStep) -> str:
         line = step.deviation_up_down_relative
         return percent(step.deviation_linear_relative if line is None else line)
 
@@ -363,14 +351,14 @@ def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
     return Table.of(title, columns, steps_of(result, group), note)
 
 
-def steps_of(result: CalibrationResult, group: LoadGroup) -> list[LoadStep]:
+def steps_of(result: CalibrationResult, group: record.LoadGroup) -> list[record.LoadStep]:
     """Return the steps of a group of series."""
     names = ("direction", "range", "loading", "arm_length_m")
     own = [getattr(group, name) for name in names]
     return [step for step in result.steps if [getattr(step, name) for name in names] == own]
 
 
-def _group_words(group: LoadGroup) -> str:
+def _group_words(group: record.LoadGroup) -> str:
     """Return what tells a group from the others, in words."""
     turn = {"cw": "clockwise", "ccw": "anticlockwise"}[str(group.direction)]
     words = f"{turn}, {group.range} range"
@@ -464,11 +452,11 @@ def _unlikely(probability: float | None) -> bool:
 
 
 def _readings(result: CalibrationResult) -> Table:
-    def reading(r: ReadingRecord) -> str:
+    def reading(r: record.ReadingRecord) -> str:
         volts = r.reading_v
         return short(volts, (r.reading_std_v or 0.0) / 10.0 or 1e-4 * abs(volts))
 
-    def series(r: ReadingRecord) -> str:
+    def series(r: record.ReadingRecord) -> str:
         return str(r.series) + ("" if r.kind == "reading" else f" ({r.kind})")
 
     columns: tuple[Column, ...] = (
