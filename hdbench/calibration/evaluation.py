@@ -8,20 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.calibration import budget
+from hdbench.calibration import budget, differences
 from hdbench.calibration.course import (
     course_of,
     doubts_of,
     notes_of,
     sequence_deviations,
     shunt_record,
-)
-from hdbench.calibration.differences import (
-    consensus,
-    direction_effects,
-    direction_entries,
-    paired_difference,
-    side_force,
 )
 from hdbench.calibration.gains import (
     by_position,
@@ -225,16 +218,20 @@ def evaluate_calibration(
         positions=positions,
         mixed_model=mixed_fit(gains, places, [(x.direction, x.range) for x in lines]),
         direction=direction,
-        direction_effects=direction_effects(direction_entries(readings, lines, bench)),
+        direction_effects=differences.direction_effects(
+            differences.direction_entries(readings, lines, bench)
+        ),
         ranges=_paired(lines, places, "low", "full"),
-        consensus=consensus(gains, [x.gain_std_nm_per_v or 0.0 for x in lines]),
+        consensus=differences.consensus(gains, [x.gain_std_nm_per_v or 0.0 for x in lines]),
         hysteresis=loops,
         outliers=(
             *gain_outliers(lines),
             *(reading for group in grouped for reading in odd_readings(group)),
         ),
         torque=account.record(),
-        side_force=side_force(account.largest, direction, None if bench is None else bench.arm),
+        side_force=differences.side_force(
+            account.largest, direction, None if bench is None else bench.arm
+        ),
         budget=with_shares(rows),
         experiment_steps=steps,
         monte_carlo=monte_carlo,
@@ -310,7 +307,7 @@ def _paired(
         if first == "low":
             shared, level = level, shared
         entries.append(((place, shared), level, line.gain_nm_per_v))
-    return paired_difference(entries, first, second)
+    return differences.paired_difference(entries, first, second)
 
 
 def _declared(bench: ProfileData | None) -> dict[str, Any]:

@@ -10,13 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hdbench.comparison import dynamic
 from hdbench.comparison.calibration import compare_calibrations
-from hdbench.comparison.dynamic import (
-    Moved,
-    compare_diagnoses,
-    compare_misalignments,
-    compare_ripples,
-)
 from hdbench.comparison.orders import Pattern
 from hdbench.comparison.score import Compared, Terms
 from hdbench.comparison.side import Side, environment_changes, load_side, profile_changes
@@ -26,11 +21,11 @@ from hdbench.records.csvtext import csv_text
 from hdbench.records.jsonfile import result_header
 from hdbench.results import CalibrationResult
 
-_COMPARED: Mapping[str, Callable[[Any, Any, Terms], Moved]] = {
+_COMPARED: Mapping[str, Callable[[Any, Any, Terms], dynamic.Moved]] = {
     "calibration": compare_calibrations,
-    "misalignment": compare_misalignments,
-    "ripple": compare_ripples,
-    "diagnosis": compare_diagnoses,
+    "misalignment": dynamic.compare_misalignments,
+    "ripple": dynamic.compare_ripples,
+    "diagnosis": dynamic.compare_diagnoses,
 }
 # points per turn: order 4 gets 45 of them
 _POINTS = 181
@@ -58,7 +53,7 @@ class Comparison:
     a: Side
     b: Side
     terms: Terms
-    outcome: Moved
+    outcome: dynamic.Moved
     overlay: dict[str, Any] | None
     overlay_reason: str
 

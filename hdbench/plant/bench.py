@@ -17,13 +17,7 @@ from hdbench.plant.fixture import GAIN_HARMONICS, Fixture, Mount, PositionGain, 
 from hdbench.plant.plantfile import PlantSpec, draw_effects
 from hdbench.plant.servo import command_rad_s, servo_loop
 from hdbench.plant.timeline import AnalogueChannels, Timeline
-from hdbench.profile.schema import (
-    HarmonicParameters,
-    MisalignmentParameters,
-    ModelParameters,
-    ProfileData,
-    ReferenceWave,
-)
+from hdbench.profile import schema
 from hdbench.profile.waves import ReferenceProgram, reference_values
 from hdbench.records.trace import FloatArray
 
@@ -46,18 +40,20 @@ _BRAKING_S = 1.0
 ROOM_C = 20.0
 
 
-def with_model(profile: ProfileData, model: BenchModel) -> ProfileData:
+def with_model(profile: schema.ProfileData, model: BenchModel) -> schema.ProfileData:
     """Return `profile` with the baseline of `model`."""
     drive = profile.drive
     turning = drive.flexspline == "turning"
     factor = 1.0 + 1.0 / drive.gear_ratio if turning else 1.0
     ripple = tuple(
-        HarmonicParameters(order=order / factor, amplitude_nm=amplitude, phase_rad=phase)
+        schema.HarmonicParameters(order=order / factor, amplitude_nm=amplitude, phase_rad=phase)
         for order, amplitude, phase in model.ripple
     )
     amplitude, phase = model.misalignment
-    misalignment = MisalignmentParameters(amplitude_nm=amplitude, phase_rad=phase)
-    baseline = ModelParameters(zero_nm=model.zero_nm, ripple=ripple, misalignment=misalignment)
+    misalignment = schema.MisalignmentParameters(amplitude_nm=amplitude, phase_rad=phase)
+    baseline = schema.ModelParameters(
+        zero_nm=model.zero_nm, ripple=ripple, misalignment=misalignment
+    )
     inertia = model.inertia_nm_s2 * drive.gear_ratio
     moved = drive.model_copy(update={"load_inertia_kg_m2": inertia})
     return profile.model_copy(update={"model": baseline, "drive": moved})
@@ -108,7 +104,7 @@ class ModelCauses:
     over.
     """
 
-    def __init__(self, model: BenchModel | None, profile: ProfileData) -> None:
+    def __init__(self, model: BenchModel | None, profile: schema.ProfileData) -> None:
         self.model = model
         self._profile = profile
         self._volts: FloatArray = np.zeros(1)
@@ -212,7 +208,7 @@ class SimulatedBench:
 
     def __init__(
         self,
-        profile: ProfileData,
+        profile: schema.ProfileData,
         plant: PlantSpec,
         seed: int,
         *,
@@ -263,7 +259,7 @@ class SimulatedBench:
         self,
         *,
         sample_period_s: float,
-        wave: ReferenceWave | ReferenceProgram | None,
+        wave: schema.ReferenceWave | ReferenceProgram | None,
         duration_s: float,
     ) -> None:
         """Begin a new acquisition from standstill at the home marks; both times are above 0 s."""

@@ -8,13 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError, nothing_stored
-from hdbench.records.counted import (
-    JournalSummary,
-    journal_loads,
-    summarize_journal,
-    survey_samples,
-    write_sequence,
-)
+from hdbench.records import counted
 from hdbench.records.journal import read_journal
 from hdbench.records.loads import write_loads
 from hdbench.records.runfolder import RunFolder
@@ -33,15 +27,15 @@ def recover_run(folder: RunFolder) -> Path:
             where=str(folder.path),
             fix="wait for it to end",
         )
-    problem = summarize_journal(folder.journal).problem
+    problem = counted.summarize_journal(folder.journal).problem
     if _is_calibration(folder):
         content = read_journal(folder.journal)
         target = folder.loads
-        write_loads(target, journal_loads(content, str(folder.journal)))
-        write_sequence(folder.path, content)
+        write_loads(target, counted.journal_loads(content, str(folder.journal)))
+        counted.write_sequence(folder.path, content)
     else:
         target = folder.trace
-        survey_samples(folder.journal).write(target)
+        counted.survey_samples(folder.journal).write(target)
     free_reserve(folder.path)
     if folder.manifest["status"] == "running":
         damage = f"; {problem}" if problem else ""
@@ -151,10 +145,10 @@ def verify_run(path: Path) -> VerifyReport:
     folder = RunFolder.open(path)
     status = folder.status()
     problems = _file_problems(folder)
-    content = JournalSummary()
+    content = counted.JournalSummary()
     if folder.journal.exists():
         try:
-            content = summarize_journal(folder.journal)
+            content = counted.summarize_journal(folder.journal)
         except DataError as error:
             problems.append(f"journal.hdj: {error.what}")
     if content.problem:

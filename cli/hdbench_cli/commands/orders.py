@@ -8,14 +8,7 @@ from typing import Any
 
 import click
 
-from hdbench.filter import filter_channels
-from hdbench.filter.orders import (
-    OrderMap,
-    OrderSpectrum,
-    order_map,
-    order_spectrum,
-    smooth_channels,
-)
+from hdbench.filter import filter_channels, orders
 from hdbench.filter.presets import choose_filter
 from hdbench.records import Trace, result_header, write_atomic, write_trace
 from hdbench.records.csvtext import csv_text
@@ -29,7 +22,7 @@ from hdbench_cli.inputs import check_out, choose_profile, read_input, show_resul
 from hdbench_cli.output import Output
 
 
-def _write_map(path: Path, found: OrderMap) -> None:
+def _write_map(path: Path, found: orders.OrderMap) -> None:
     """Write the order map, one row per window and order."""
     windows = zip(found.time_s, found.speed_rad_s, found.amplitude_nm, strict=True)
     rows = (
@@ -75,9 +68,9 @@ def _orders(
     channels = filter_channels(
         item.trace, profile.data, use_measured_angle=model.use_measured_angle
     )
-    spectrum = order_spectrum(channels, channels.torque_nm, highest_order=max_order)
-    found = order_map(channels, channels.torque_nm, highest_order=max_order)
-    smoothed = smooth_channels(model, channels)
+    spectrum = orders.order_spectrum(channels, channels.torque_nm, highest_order=max_order)
+    found = orders.order_map(channels, channels.torque_nm, highest_order=max_order)
+    smoothed = orders.smooth_channels(model, channels)
     if out is not None:
         base = Trace({"time_s": channels.time_s}, source=channels.source)
         write_trace(out, smoothed_columns(base, smoothed))
@@ -105,7 +98,7 @@ def _orders(
     }
 
 
-def _spectrum(spectrum: OrderSpectrum) -> dict[str, Any]:
+def _spectrum(spectrum: orders.OrderSpectrum) -> dict[str, Any]:
     least, mean, most = spectrum.speed_rad_s
     return {
         "stretch": {"from_s": spectrum.from_s, "to_s": spectrum.to_s, "turns": spectrum.turns},

@@ -6,15 +6,9 @@ import math
 import time
 from collections.abc import Mapping
 
+from hdbench.devices import daq
 from hdbench.devices.base import DeviceBase
 from hdbench.devices.bench import Identity
-from hdbench.devices.daq import (
-    Capabilities,
-    DaqSettings,
-    Role,
-    ScanBlock,
-    WatchdogInfo,
-)
 from hdbench.devices.driver import Driver, later
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.modbus.access import QUIET_S, TRY, Access
@@ -132,12 +126,14 @@ class ModbusDaq(DeviceBase[Polling]):
         self._tripped = False
         self._looked_s = 0.0
 
-    def capabilities(self) -> Capabilities:
+    def capabilities(self) -> daq.Capabilities:
         """Return what the device can do as the profile describes it."""
         table, output = self._table, self._table.output
         dog = None if output is None else output.watchdog
-        info = None if dog is None else WatchdogInfo(dog.min_s, dog.max_s, dog.fed_by, dog.drops)
-        return Capabilities(
+        info = (
+            None if dog is None else daq.WatchdogInfo(dog.min_s, dog.max_s, dog.fed_by, dog.drops)
+        )
+        return daq.Capabilities(
             inputs=tuple(input_info(table, channel) for channel in table.channels),
             max_rates_hz=max_rates_hz(table),
             min_rate_hz=_MIN_RATE_HZ,
@@ -146,7 +142,7 @@ class ModbusDaq(DeviceBase[Polling]):
             watchdog=info,
         )
 
-    def configure(self, settings: DaqSettings) -> float:
+    def configure(self, settings: daq.DaqSettings) -> float:
         """Make the outputs safe, write settings that differ, and return the sample period, s."""
         self.identity()
         self._drop_acquisition()
@@ -162,7 +158,7 @@ class ModbusDaq(DeviceBase[Polling]):
         """Begin to poll; a device without channels has nothing to start."""
         self._configured().begin()
 
-    def read_block(self) -> ScanBlock | None:
+    def read_block(self) -> daq.ScanBlock | None:
         """Return the next reading; None when none is due yet, or the device had none."""
         polling = self._running()
         guarded = self.outputs is not None and self.outputs.watchdog is not None
@@ -176,7 +172,7 @@ class ModbusDaq(DeviceBase[Polling]):
         if self._acquisition is not None:
             self._acquisition.stopped = True
 
-    def snapshot(self) -> Mapping[Role, float]:
+    def snapshot(self) -> Mapping[daq.Role, float]:
         """Return one reading of every channel; empty where there is none, or it is invalid."""
         roles = self._table.roles
         if not roles:

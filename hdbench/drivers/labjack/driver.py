@@ -6,15 +6,9 @@ import contextlib
 import math
 from collections.abc import Mapping
 
+from hdbench.devices import daq
 from hdbench.devices.base import DeviceBase
 from hdbench.devices.bench import Identity
-from hdbench.devices.daq import (
-    Capabilities,
-    DaqSettings,
-    Role,
-    ScanBlock,
-    clean_text,
-)
 from hdbench.devices.driver import Driver, later
 from hdbench.devices.safestate import Seen
 from hdbench.devices.transactor import TWICE, same_reply
@@ -82,7 +76,7 @@ def _check_model(control: Control, product: int, serial: int, table: LabJackAcqu
 def _name(control: Control) -> str:
     """Return the device's name, control characters removed; empty where it tells none."""
     words = control.read_block(user_name())
-    return clean_text(b"".join(int(word).to_bytes(2, "big") for word in words))
+    return daq.clean_text(b"".join(int(word).to_bytes(2, "big") for word in words))
 
 
 class LabJackDaq(DeviceBase[Acquisition]):
@@ -109,9 +103,9 @@ class LabJackDaq(DeviceBase[Acquisition]):
         self._stream_address = stream_address
         self._tacho_rad_s_per_v = tacho_rad_s_per_v
         self._session = Session(control)
-        self._scales: dict[Role, scanlist.InputScale] = {}
+        self._scales: dict[daq.Role, scanlist.InputScale] = {}
 
-    def capabilities(self) -> Capabilities:
+    def capabilities(self) -> daq.Capabilities:
         """Return what the device can do as the profile wires it."""
         return scanlist.describe_abilities(self.table)
 
@@ -129,7 +123,7 @@ class LabJackDaq(DeviceBase[Acquisition]):
                 fix="end that program; if nobody owns the stream any more, run `hdbench stop`",
             )
 
-    def configure(self, settings: DaqSettings) -> float:
+    def configure(self, settings: daq.DaqSettings) -> float:
         """Set inputs and stream, outputs safe, and return the actual sample period, s."""
         self.identity()
         self._drop_acquisition()
@@ -155,7 +149,7 @@ class LabJackDaq(DeviceBase[Acquisition]):
         if not self.control.read(STREAM_ENABLE)[0]:
             raise self.error("the stream did not start", "configure it again")
 
-    def read_block(self) -> ScanBlock | None:
+    def read_block(self) -> daq.ScanBlock | None:
         """Return the next scans; None when none has come within a packet's time."""
         acquisition = self._running()
         block = acquisition.next_block(self.outputs)
@@ -178,7 +172,7 @@ class LabJackDaq(DeviceBase[Acquisition]):
         if self._acquisition is not None:
             self._acquisition.stopped = True
 
-    def snapshot(self) -> Mapping[Role, float]:
+    def snapshot(self) -> Mapping[daq.Role, float]:
         """Return one reading of every channel; empty while a stream has the inputs."""
         if self._acquisition is not None and self._acquisition.sampling:
             return {}

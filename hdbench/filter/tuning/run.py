@@ -21,13 +21,7 @@ from hdbench.filter.online import (
     run_channels,
     screen_torque,
 )
-from hdbench.filter.tuning.limits import (
-    forget_beyond_the_data,
-    leave_the_torque,
-    notes_on,
-    refusal,
-    with_moving_offset,
-)
+from hdbench.filter.tuning import limits
 from hdbench.filter.tuning.problem import (
     Motion,
     Problem,
@@ -157,7 +151,7 @@ class _Trial:
             best.log_likelihood,
             best.log_likelihood - penalty,
             best,
-            refusal(problem.model(best.logs), self.motion) if automatic else None,
+            limits.refusal(problem.model(best.logs), self.motion) if automatic else None,
         )
 
     def model(
@@ -218,10 +212,10 @@ def tune(
     logs = tried[chosen].optimum.logs
     model = trial.model(kinds[chosen], logs, usable)
     if trial.start.slow:
-        model = with_moving_offset(model, motion)
+        model = limits.with_moving_offset(model, motion)
     estimates = estimate_all(trial.problem(kinds[chosen]), logs, usable)
-    model, estimates = forget_beyond_the_data(model, estimates, motion)
-    model, estimates = leave_the_torque(model, estimates, motion)
+    model, estimates = limits.forget_beyond_the_data(model, estimates, motion)
+    model, estimates = limits.leave_the_torque(model, estimates, motion)
     consistency = check_innovations(model, usable)
     result = TuningResult(
         model=_finished(model, base, settings, records, origins or {}),
@@ -229,7 +223,7 @@ def tune(
         candidates=(tried[chosen], *(c for i, c in enumerate(tried) if i != chosen)),
         consistency=consistency,
         outliers=outliers,
-        notes=notes_on(model, motion, estimates, settings.slow, consistency),
+        notes=limits.notes_on(model, motion, estimates, settings.slow, consistency),
     )
     return replace(result, model=replace(result.model, tuning=result.to_dict()))
 

@@ -11,14 +11,8 @@ import numpy as np
 from hdbench.devices.bench import AcquisitionSettings, Bench, Block
 from hdbench.profile.schema import ProfileData
 from hdbench.records.loads import LoadReading
+from hdbench.session.calibrating import settling
 from hdbench.session.calibrating.conversation import Answer
-from hdbench.session.calibrating.settling import (
-    Judgement,
-    SettledReading,
-    SettleRule,
-    average_now,
-    judge,
-)
 from hdbench.session.calibrating.state import CalibrationState
 from hdbench.session.plans import Point
 from hdbench.session.runner import next_block
@@ -32,7 +26,7 @@ class Taken:
     """What came of one wait for a reading."""
 
     wanted: Answer | None
-    reading: SettledReading
+    reading: settling.SettledReading
     spread_v: float
     saturated: bool
     waited_s: float
@@ -53,7 +47,9 @@ class BridgeReader:
         """Forget where the locked encoder stood."""
         self._lock_count = None
 
-    def take(self, rule: SettleRule, watch: Callable[[Judgement, float], Answer | None]) -> Taken:
+    def take(
+        self, rule: settling.SettleRule, watch: Callable[[settling.Judgement, float], Answer | None]
+    ) -> Taken:
         """Acquire until the reading has settled, the time is up, or a person wants otherwise."""
         self.bench.configure(AcquisitionSettings(rule.period_s, rule.limit, None))
         self.bench.start()
@@ -67,13 +63,13 @@ class BridgeReader:
             self.sampled_s += (len(block) + block.lost_before) * rule.period_s
             if len(samples) < 4:
                 continue
-            judged = judge(samples, rule)
+            judged = settling.judge(samples, rule)
             if judged.reading is not None:
                 break
             wanted = watch(judged, len(samples) * rule.period_s)
         self.bench.stop()
         settled = judged.reading if judged is not None else None
-        reading = settled or average_now(samples, rule)
+        reading = settled or settling.average_now(samples, rule)
         spread_v = float(np.ptp(samples[-rule.window :]))
         in_average = bool(saturated[-reading.n_samples :].any())
         return Taken(wanted, reading, spread_v, in_average, len(samples) * rule.period_s)
