@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from hdbench.regression.cases import CaseReport, RegressionReport, compare_folder, write_junit
 from hdbench.regression.changes import Change, Tolerance, compare_results
-from hdbench.regression.report import CaseReport, RegressionReport, compare_folder, write_junit
 
 __all__ = [
     "CaseReport",
