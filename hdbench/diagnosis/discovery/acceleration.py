@@ -153,33 +153,35 @@ def _standing_out(
     the other cells agree on that, it says the rest.
     """
     from scipy.ndimage import uniform_filter
-    from scipy.signal import ShortTimeFFT
+    from scipy.signal import istft, stft
 
     width = min(max(_LEAST_CELL, round(_CELL_S / period_s)), len(fast) // 2)
-    cells = ShortTimeFFT.from_window("hann", 1.0 / period_s, width, 3 * width // 4)
+    rate, overlap = 1.0 / period_s, 3 * width // 4
     # cells at the ends are cut: they lie outside
     fast, ripple_nm = (np.pad(one, width, mode="edge") for one in (fast, ripple_nm))
-    seen = cells.stft(fast)
-    level = np.maximum(cells.f, cells.f[1])[:, None] ** (2 * degree)
+    hertz, _, seen = stft(fast, rate, nperseg=width, noverlap=overlap)
+    _, _, asks_nm = stft(ripple_nm, rate, nperseg=width, noverlap=overlap)
+    level = np.maximum(hertz, hertz[1])[:, None] ** (2 * degree)
     # the median of the upper octave: lines stand in few cells; that of an exponential is ln 2
-    noise = float(np.median((np.abs(seen) ** 2 / level)[cells.f > 0.5 * cells.f[-1]])) / np.log(2.0)
+    noise = float(np.median((np.abs(seen) ** 2 / level)[hertz > 0.5 * hertz[-1]])) / np.log(2.0)
     # a line stands in three cells of a Hann window, a half of its power in their mean; between two
     # cells, or with the next harmonic beside it, it may have twice that
-    counted = 2.0 * 0.5 * (0.5 * step / np.pi * cells.win.sum() * (2.0 * np.pi) ** degree) ** 2
+    counted = 2.0 * 0.5 * (0.5 * step / np.pi * (2.0 * np.pi) ** degree) ** 2
     least = max(_STANDS_OUT * noise, counted)
     kept = np.where(uniform_filter(np.abs(seen) ** 2 / level, 3) > least, seen, 0.0)
-    asked = np.where(kept == 0.0, cells.stft(ripple_nm), 0.0)
+    asked = np.where(kept == 0.0, asks_nm, 0.0)
     # the noise grows with the frequency
     both = seen * asked.conj() / level
-    octave = np.log2(np.maximum(cells.f, cells.f[1]))
+    octave = np.log2(np.maximum(hertz, hertz[1]))
     beside = np.abs(octave - octave[:, None]) < _ALIKE
     agreed, asks = (beside @ one.sum(axis=1) for one in (both, np.abs(asked) ** 2 / level))
     answers = np.abs(agreed) ** 2 > _AGREE * (beside @ (np.abs(both) ** 2).sum(axis=1))
     answer = asked * (np.where(answers, agreed, 0.0) / np.maximum(asks, 1e-300))[:, None]
     alone, told = (
-        np.real(cells.istft(lines, k1=len(fast)))[width:-width] for lines in (kept, answer)
+        istft(lines, rate, nperseg=width, noverlap=overlap)[1] for lines in (kept, answer)
     )
-    return alone, told
+    inside = slice(width, len(fast) - width)
+    return alone[inside], told[inside]
 
 
 def _derivative(values: FloatArray, period_s: float, degree: int) -> FloatArray:

@@ -65,7 +65,8 @@ class LowPass:
 
         poles = self.poles(2.0 * np.tan(0.5 * np.pi * self.corner))
         gain = float(np.prod(-poles).real)
-        return np.asarray(zpk2sos(*bilinear_zpk([], poles, gain, fs=1.0)))
+        zeros, poles, gain = bilinear_zpk(np.zeros(0), poles, gain, fs=1.0)
+        return np.asarray(zpk2sos(zeros, poles, gain))  # type: ignore[arg-type]
 
     def gain(self, count: int, whole: int) -> NDArray[np.complex128]:
         """Return the gain at the first frequencies, of which `whole` reach up to Nyquist's."""
@@ -103,12 +104,13 @@ class LowPass:
 # many columns of one record go through the same filter
 @lru_cache(maxsize=4)
 def _gain(low_pass: LowPass, count: int, whole: int) -> NDArray[np.complex128]:
-    from scipy.signal import freqs_zpk, sosfreqz
+    from scipy.signal import sosfreqz
 
     share = np.arange(count) / whole
     if low_pass.analog:
         poles = low_pass.poles(low_pass.corner)
-        once = np.asarray(freqs_zpk([], poles, float(np.prod(-poles).real), share)[1])
+        top = np.prod(-poles)
+        once = np.asarray(top / np.prod(1j * share[:, None] - poles, axis=1))
     else:
         once = np.asarray(sosfreqz(low_pass.sections(), np.pi * share)[1])
     return once if low_pass.causal else np.abs(once) ** 2 + 0j

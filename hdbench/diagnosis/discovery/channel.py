@@ -36,6 +36,7 @@ _FALLS, _FLAT, _SHORT = 0.3, 0.15, 40_000
 _WIDE_CORNERS = np.geomspace(0.01, 0.8, 7)
 _HIGHEST, _TUNED = 0.95, 2
 # order of a low-pass, whether it has a delay, and whether it ran ahead of the sampling
+# the first two tell whether there is one
 _KINDS = (
     (2, False, False),
     (2, True, False),
@@ -43,10 +44,12 @@ _KINDS = (
     (2, False, True),
     (2, True, True),
 )
+_FIRST = 2
 # dry friction turns over within a hundredth of the largest speed
 _SHARP = 100.0
-# a low-pass is one of up to 70 that are tried, and is seldom: 25 to 1
-LOW_PASS_PRICE = 7.5
+# a low-pass is one of up to 70 that are tried, and is seldom: 25 to 1, 7.5 nats; one that takes
+# noise off what is expected gains some nats more by chance
+LOW_PASS_PRICE = 20.0
 # name of a delay in the catalogue
 DELAY = "time-skew"
 # two channels of one log are seldom further apart than this, s; within it, delays from which the
@@ -123,18 +126,26 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
         return fit.likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
 
     loads = (False, True) if record.load != 0.0 else (False,)
-    tried = [
-        LowPass(c, order, causal, load, analog)
-        for order, causal, analog in _KINDS
-        for load in loads
-        for c in corners
-    ]
-    ranked = sorted(tried, key=value, reverse=True)
-    step = float(corners[1] / corners[0])
-    nearer = [_nearer(one, value, step) for one in _unlike(ranked)]
+    step, none = float(corners[1] / corners[0]), value(None)
+
+    def nearest(kinds: Iterable[tuple[int, bool, bool]]) -> list[LowPass]:
+        """Return the likeliest low-pass of each kind, to half a step between corners."""
+        tried = [
+            LowPass(c, order, causal, load, analog)
+            for order, causal, analog in kinds
+            for load in loads
+            for c in corners
+        ]
+        return [
+            _nearer(one, value, step) for one in _unlike(sorted(tried, key=value, reverse=True))
+        ]
+
+    nearer = nearest(_KINDS[:_FIRST])
+    if max(map(value, nearer)) < none:
+        return None
+    nearer += nearest(_KINDS[_FIRST:])
     likely = sorted(nearer, key=value, reverse=True)[:_TUNED]
     best = max((_tuned(one, value, step) for one in likely), key=value)
-    none = value(None)
     if best.causal:
         # a filter that runs once delays the torque, which a later reading does too
         none += max(best_delay(plain).evidence_nats, 0.0)

@@ -115,6 +115,12 @@ class Look:
     false_alarm: float = 1.0
 
 
+def _white(beside: Beside) -> NDArray[np.float32]:
+    """Return the rows of a fit in white noise, in the precision of the dictionary."""
+    white = np.empty(beside.rows.shape, dtype=np.float32)
+    return np.multiply(beside.rows, beside.whitening, out=white, casting="same_kind")
+
+
 @dataclass(slots=True)
 class Dictionary:
     """Rows of all members.
@@ -142,8 +148,7 @@ class Dictionary:
         weight = 1.0 / beside.spectrum.power
         fast = beside.whitening.astype(np.float32)
         right = (self.rows @ (fast * beside.residual.astype(np.float32))).astype(np.float64)
-        white = (beside.rows * beside.whitening).astype(np.float32)
-        cross = beside.factor @ (white @ self.rows.T).astype(np.float64)
+        cross = beside.factor @ (_white(beside) @ self.rows.T).astype(np.float64)
         right = right - cross.T @ beside.free
         information = []
         for member, own in zip(self.members, self.own, strict=True):
@@ -193,9 +198,7 @@ class Dictionary:
             return []
         picks = np.concatenate([np.arange(m.rows.start, m.rows.stop) for m in chosen])
         rows = self.rows[picks]
-        cross = beside.factor @ (
-            (beside.rows * beside.whitening).astype(np.float32) @ rows.T
-        ).astype(np.float64)
+        cross = beside.factor @ (_white(beside) @ rows.T).astype(np.float64)
         gram = ((rows * beside.whitening.astype(np.float32)) @ rows.T).astype(np.float64)
         before = np.diag(gram)
         gram = gram - cross.T @ cross

@@ -371,19 +371,19 @@ class Fit:
         new.settle(2)
         return new
 
-    def reshape(self, part: int, term: Term) -> None:
-        """Give a cause another shape."""
+    def reshape(self, part: int, term: Term, *, shared: bool = True) -> None:
+        """Give a cause another shape; copies of this fit may share its arrays."""
         rows, scale = term_rows(term, self.record, self.bands)
         places = np.flatnonzero((self.owner == part) & ~self.form)
         linear = self.coefficients[places] / self.parts[part].scale
-        # copies of this fit share its arrays
-        self.rows, self.gram, self.against = self.rows.copy(), self.gram.copy(), self.against.copy()
+        if shared:
+            self.rows, self.gram = self.rows.copy(), self.gram.copy()
+            self.against, self.coefficients = self.against.copy(), self.coefficients.copy()
         self.rows[places] = rows
         new = self.bands.gram(rows, self.rows)
         self.gram[:, places, :] = new
         self.gram[:, :, places] = np.swapaxes(new, 1, 2)
         self.against[:, places] = self.bands.along(rows, self.measured)
-        self.coefficients = self.coefficients.copy()
         self.coefficients[places] = linear * scale
         self.parts[part].term, self.parts[part].scale = term, scale
 

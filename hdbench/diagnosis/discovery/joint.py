@@ -171,7 +171,7 @@ def _at_shapes(fit: Fit, terms: Mapping[int, Term]) -> Fit:
     # the directions of a form error are those about the shape
     new.keep(~(new.form & np.isin(new.owner, list(terms))))
     for part, term in terms.items():
-        new.reshape(part, term)
+        new.reshape(part, term, shared=False)
     new.settle(1)
     attach_forms(new)
     return new
