@@ -247,6 +247,20 @@ def test_a_smoothed_torque_is_told_as_a_filter_and_nothing_else(causal):
     assert np.sqrt(np.nanmean(left**2)) < 1.2 * np.sqrt(np.nanmean(after**2))
 
 
+def test_a_small_effect_without_a_name_accounts_for_the_rest_beside_a_large_one():
+    def extra(_angle, speed, load):
+        return 4.0 * np.tanh(speed / 0.5) + 0.08 * np.sin(load / 3.0)
+
+    found = diagnose_trace(reversing(extra, noise_nm=0.02, n=10_000), PROFILE)
+    assert [cause.name for cause in found.causes] == ["coulomb-friction"]
+    (place,) = found.unexplained
+    assert place.domain == "load"
+    # far below the line of materiality, and most of what is not explained
+    assert place.share_of_variance < 0.001
+    assert found.rest.heldout_rms_nm > 2.0 * found.rest.noise_rms_nm
+    assert found.rest.told == found.unexplained
+
+
 @pytest.mark.campaign
 def test_a_friction_that_changes_with_the_angle_is_left_unexplained_at_its_order():
     def friction(_time, angle, speed):

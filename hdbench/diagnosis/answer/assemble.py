@@ -24,6 +24,10 @@ from hdbench.diagnosis.faults.stamps import held_samples
 from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest, Testable
 
+# an error of prediction this many times the noise is a rest, and a place with so much of its power
+# accounts for it, however small it is beside what is explained
+_REST, _OF_REST = 1.05, 0.1
+
 
 @dataclass(frozen=True, slots=True)
 class Findings:
@@ -57,9 +61,9 @@ def assemble(
     faults = (*findings.inspected.faults, *late)
     named = [*_of_faults(findings, faults, told), *told.causes]
     causes, minor = by_share(named, findings.materiality)
-    places, small = by_share(told.places, findings.materiality)
-    extended = _extended(findings, told, faults)
     noise = noise_rms_nm(findings.search.told)
+    places, small = by_share(told.places, min(findings.materiality, _share_of_rest(told, noise)))
+    extended = _extended(findings, told, faults)
     given = findings.given
     flags = (*findings.inspected.flags, *(fault.flag() for fault in late))
     return Diagnosis(
@@ -83,6 +87,14 @@ def assemble(
         model=extended,
         pictures=_pictures(findings, fit, extended, baseline_left),
     )
+
+
+def _share_of_rest(told: Told, noise_nm: float) -> float:
+    """Return the share of the variance from which a place accounts for a rest; 1 without one."""
+    before, after = told.before.rms_nm, told.after.rms_nm
+    if after < _REST * noise_nm or before == 0.0:
+        return 1.0
+    return _OF_REST * (after**2 - noise_nm**2) / before**2
 
 
 def _testable(findings: Findings, fit: Fit) -> tuple[Testable, ...]:
