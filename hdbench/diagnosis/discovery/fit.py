@@ -495,13 +495,14 @@ class Fit:
         explained = early.measured - early.residual
         new = self.of(self._read - self._moved(explained + self._still, late_s) + explained)
         new.settle(rounds)
-        late = tuple(replace(one, late_s=late_s) for one in self._pieces)
+        late = tuple(replace(one, late_s=late_s) for one in self.pieces)
         records = late if self.record.records else ()
         new.record = replace(self.record, late_s=late_s, records=records)
         return new
 
     @property
-    def _pieces(self) -> tuple[Record, ...]:
+    def pieces(self) -> tuple[Record, ...]:
+        """The records of a stack; a plain one alone."""
         return self.record.records or (self.record,)
 
     @property
@@ -510,18 +511,18 @@ class Fit:
 
     @property
     def _still(self) -> FloatArray:
-        pairs = zip(self._pieces, self._parts_of_bands, strict=True)
+        pairs = zip(self.pieces, self._parts_of_bands, strict=True)
         return np.concatenate([fixed_of(one, own) for one, own in pairs])
 
     @property
     def _read(self) -> FloatArray:
-        pairs = zip(self._pieces, self._parts_of_bands, strict=True)
+        pairs = zip(self.pieces, self._parts_of_bands, strict=True)
         return np.concatenate([torque_of(one, own) for one, own in pairs])
 
     def _moved(self, row: FloatArray, by_s: float) -> FloatArray:
         """Return what all records hold as it was so much earlier, each by its own samples."""
         ends = np.cumsum([own.size for own in self._parts_of_bands])[:-1]
-        some = zip(self._pieces, self._parts_of_bands, np.split(row, ends), strict=True)
+        some = zip(self.pieces, self._parts_of_bands, np.split(row, ends), strict=True)
         return np.concatenate([own.moved(x, by_s / one.period_s) for one, own, x in some])
 
     def of(self, measured: FloatArray) -> Fit:

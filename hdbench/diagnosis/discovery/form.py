@@ -281,13 +281,19 @@ def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
     return torque
 
 
+def _fixed_ahead(record: Record) -> FloatArray:
+    """Return the fixed torque that goes through the channel, N m.
+
+    A load that was logged behind the same filter does not change with it.
+    """
+    load = record.motion.load_torque_nm
+    behind = 0.0 if record.logged_nm is None or load is None else record.load * load
+    return np.asarray(np.nan_to_num(record.fixed_nm - behind))
+
+
 def _channel_rows(fit: Fit) -> FloatArray:
     """Return what another low-pass would make of the torque, per unit of relative size."""
-    record, load = fit.record, fit.record.motion.load_torque_nm
-    ahead = fitted_nm(fit) + np.nan_to_num(record.fixed_nm)
-    if record.logged_nm is not None and load is not None:
-        # a load that was logged behind the same filter does not change
-        ahead -= np.nan_to_num(record.load * load)
+    ahead = fitted_nm(fit) + np.concatenate([_fixed_ahead(one) for one in fit.pieces])
     column, rows = ahead[:, None], []
     held = fit.bands.transform(column)[0]
     for share, change in _CHANGES:
