@@ -90,6 +90,24 @@ def test_a_jump_beside_a_standstill_may_be_a_loss_or_a_slip(first):
         assert fault.name == "encoder-slip"
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_an_error_of_the_output_encoder_is_no_slip_where_samples_are_held(seed):
+    # the angle is the output's times 100, with an error once per turn; the velocity is made of it
+    rng, time = np.random.default_rng(seed), np.arange(12_000) * 1e-3
+    _, angle, torque = swing(time, 60.0, 40.0)
+    fresh = rng.random(len(time)) > 0.03
+    rows = np.maximum.accumulate(np.where(fresh, np.arange(len(time)), 0))
+    read = (angle + 0.3 * np.cos(angle / 100.0 + rng.uniform(-np.pi, np.pi)))[rows]
+    noise = 0.05 * rng.standard_normal(len(time))
+    columns = {
+        "time_s": time,
+        "motor_angle_rad": np.round(read, 4),
+        "motor_velocity_rad_s": np.gradient(np.round(read, 4), time),
+        "torque_nm": (torque + noise)[rows],
+    }
+    assert "encoder-slip" not in {fault.name for fault in inspected(columns).faults}
+
+
 def test_ripple_of_the_tacho_is_measured_and_taken_out():
     found = inspected(bench(tacho=0.01))
     (fault,) = found.faults

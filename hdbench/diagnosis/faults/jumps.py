@@ -65,7 +65,7 @@ def _judged(
     """Return the jump with the name that the evidence gives it, if any."""
     # positive where the ripple keeps its phase over the angle turned back (a slip), negative where
     # it does over the recorded angle (the shaft did turn)
-    nats, able = _torque_nats(jump, shaft, torque_nm, orders)
+    nats, able = _torque_nats(jump, shaft, torque_nm, orders, course=not independent)
     # of two sensors the torque has to agree where it is able to: where it could say six times what
     # tells names apart, its own scatter is small beside that
     agrees = RIVAL_NATS if able > 6.0 * RIVAL_NATS else -RIVAL_NATS
@@ -107,9 +107,13 @@ def _fault(jump: Jump, shaft: Shaft) -> Fault:
 
 
 def _torque_nats(
-    jump: Jump, shaft: Shaft, torque_nm: FloatArray, orders: FloatArray
+    jump: Jump, shaft: Shaft, torque_nm: FloatArray, orders: FloatArray, *, course: bool
 ) -> tuple[float, float]:
-    """Return the nats by which the torque prefers the angle turned back, and the most it can."""
+    """Return the nats by which the torque prefers the angle turned back, and the most it can.
+
+    Where the torque alone tells, the ripple may follow a slow course beside the jump, as errors of
+    the angle make one.
+    """
     angle = shaft.angle_rad
     moves = np.abs(np.nan_to_num(np.diff(angle, prepend=angle[:1])))
     moves[jump.first] = 0.0
@@ -118,7 +122,7 @@ def _torque_nats(
     later = np.arange(len(angle)) >= jump.first
     block = np.where(later, np.floor(turns), -1.0 - np.floor(-turns))
     block[~np.isfinite(torque_nm + angle)] = np.nan
-    found, speeds, variances, after = [], [], [], []
+    found, speeds, variances, numbers = [], [], [], []
     for number in range(-_TURNS, _TURNS):
         rows = np.flatnonzero(block == number)
         # ripple is read from four samples of a turn for each order
@@ -134,15 +138,19 @@ def _torque_nats(
         found.append(cosines - 1j * sines)
         speeds.append(float(np.mean(np.nan_to_num(shaft.velocity_rad_s[rows]))))
         variances.append(2.0 * float(left @ left) / len(rows) ** 2)
-        after.append(number >= 0)
-    count, late = len(found), np.array(after, dtype=bool)
+        numbers.append(number)
+    turn_number = np.array(numbers, dtype=np.float64)
+    late = turn_number >= 0.0
     if min(int(late.sum()), int((~late).sum())) < LEAST_DOF:
         return 0.0, 0.0
     # their scatter about a level and a slope over the velocity, which is what delays make, is the
     # noise, whatever its colour; a turn with something else counts as little as its own fit is bad
     amplitudes, variance = np.array(found), np.array(variances)
     weights = 1.0 / np.sqrt(variance + float(np.median(variance)) + 1e-300)
-    design = weights[:, None] * np.vander(np.array(speeds) / max(*np.abs(speeds), 1e-300), 2)
+    speed = np.array(speeds) / max(*np.abs(speeds), 1e-300)
+    slow = np.vander(turn_number / _TURNS, 3 if course else 1)
+    design = weights[:, None] * np.column_stack([speed, slow])
+    free = len(found) - design.shape[1]
     turn = np.exp(1j * orders * jump.angle_rad)
     both = np.hstack([amplitudes, np.where(late[:, None], amplitudes * turn, amplitudes)])
     wanted = weights[:, None] * both
@@ -152,7 +160,7 @@ def _torque_nats(
     shared = float(np.sum(weights**2)) * float(late.mean() * (1.0 - late.mean()))
     size = np.median(np.abs(amplitudes), axis=0) * np.abs(turn - 1.0)
     able = np.log1p(size**2 * shared / np.minimum(as_is, back))
-    return (count - 2) * float(np.sum(np.log(as_is / back))), (count - 2) * float(able.sum())
+    return free * float(np.sum(np.log(as_is / back))), free * float(able.sum())
 
 
 def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool, bool]:
