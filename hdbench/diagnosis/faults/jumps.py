@@ -21,6 +21,8 @@ _SIDE = 14
 # whole motor turns on each side of a jump: enough for the scatter of the ripple's phase, few enough
 # for a bench that changes slowly
 _TURNS = 40
+# coefficients of a slow course over these turns: a wave once per output turn is followed
+_COURSE = 5
 # jumps that are judged at most, the largest first
 _MOST = 8
 
@@ -148,7 +150,7 @@ def _torque_nats(
     amplitudes, variance = np.array(found), np.array(variances)
     weights = 1.0 / np.sqrt(variance + float(np.median(variance)) + 1e-300)
     speed = np.array(speeds) / max(*np.abs(speeds), 1e-300)
-    slow = np.vander(turn_number / _TURNS, 3 if course else 1)
+    slow = np.vander(turn_number / _TURNS, _COURSE if course else 1)
     design = weights[:, None] * np.column_stack([speed, slow])
     free = len(found) - design.shape[1]
     turn = np.exp(1j * orders * jump.angle_rad)
