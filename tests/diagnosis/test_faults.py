@@ -108,6 +108,27 @@ def test_an_error_of_the_output_encoder_is_no_slip_where_samples_are_held(seed):
     assert "encoder-slip" not in {fault.name for fault in inspected(columns).faults}
 
 
+def test_the_counts_of_an_encoder_are_seen_where_rows_are_held(monkeypatch):
+    # what stands in for a held row lies between two counts: a jump of one of them is no slip
+    seen = []
+    monkeypatch.setattr(
+        "hdbench.diagnosis.faults.channels.find_jumps",
+        lambda shaft, *_, **__: seen.append(shaft.count_rad) or (),
+    )
+    rng, time = np.random.default_rng(0), np.arange(8000) * 1e-3
+    speed, angle, torque = swing(time, 60.0, 40.0)
+    rows = np.arange(len(time))
+    rows[50::40] -= 1
+    columns = {
+        "time_s": time,
+        "motor_angle_rad": (np.floor(angle / COUNT) * COUNT)[rows],
+        "motor_velocity_rad_s": (speed + 0.05 * rng.standard_normal(len(time)))[rows],
+        "torque_nm": (torque + 0.05 * rng.standard_normal(len(time)))[rows],
+    }
+    assert inspected(columns).flags[0].name == "missed-samples"
+    assert seen == [pytest.approx(COUNT)]
+
+
 def test_ripple_of_the_tacho_is_measured_and_taken_out():
     found = inspected(bench(tacho=0.01))
     (fault,) = found.faults

@@ -60,10 +60,14 @@ def inspect_channels(
     known_so_far = clipped | stuck | held
     still = standing(trace, profile, np.where(known_so_far, np.nan, torque)) & ~known_so_far
     masked = known_so_far | still
+    angle = angle_of(trace, profile)
+    # what stands in for a held row lies between the counts of the angle
+    count_rad = 0.0 if angle is None else smallest_step(np.diff(angle))
     # a row that was held says nothing of the motion, either
     other = [n for n in trace.columns if n not in ("time_s", "stage", *TORQUES)]
     trace = trace.with_columns(**{n: filled(trace.time_s, trace[n], stale) for n in other})
-    moving, repaired, derived = _moving(trace, profile, np.where(masked, np.nan, torque))
+    unmasked = np.where(masked, np.nan, torque)
+    moving, repaired, derived = _moving(trace, profile, unmasked, count_rad)
     if any(one.false_alarm_probability >= alpha for one in moving):
         moving, repaired = (), trace
     faults = (*lost, *saturation, *moving)
@@ -97,7 +101,7 @@ def inspect_channels(
 
 
 def _moving(
-    trace: Trace, profile: ProfileData, torque_nm: FloatArray
+    trace: Trace, profile: ProfileData, torque_nm: FloatArray, count_rad: float
 ) -> tuple[tuple[Fault, ...], Trace, tuple[tuple[str, str], ...]]:
     """Return faults of angle, tacho and clock, the trace without them, and what is derived."""
     shaft = shaft_of(trace, profile)
@@ -111,6 +115,7 @@ def _moving(
     load = trace.columns.get("load_torque_nm", np.zeros(len(trace)))
     rest = torque_nm - np.nan_to_num(expected_nm(trace, profile, shaft.velocity_rad_s) + load)
     even, orders = shaft_of(smooth, profile) or shaft, baseline_orders(profile)
+    even = replace(even, count_rad=max(even.count_rad, count_rad))
     faults = (*find_jumps(even, orders, rest, independent=independent), *faults)
 
     def without(kept: Fault | None) -> Trace:
