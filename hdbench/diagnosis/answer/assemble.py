@@ -24,8 +24,9 @@ from hdbench.diagnosis.faults.stamps import held_samples
 from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest, Testable
 
-# an error of prediction this many times the noise is a rest, and a place with so much of its power
-# accounts for it, however small it is beside what is explained
+# an error of prediction this many times the noise is a rest: the noise itself is known to some
+# hundredths; a place with so much of its power accounts for it, however small it is beside the rest
+# of the torque
 _REST, _OF_REST = 1.05, 0.1
 
 

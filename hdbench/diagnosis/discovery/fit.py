@@ -595,6 +595,22 @@ class Fit:
         return replace(self, parts=[replace(part) for part in self.parts])
 
 
+def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
+    """Return the fitted torque, N m; without what acts on the whole signal where asked."""
+    record = fit.record
+    torque = np.zeros(len(record))
+    for index, part in enumerate(fit.parts):
+        if part.term is not None:
+            if whole or not part.term.cause.whole_signal:
+                torque += term_columns(part.term, record) @ fit.linear(index)
+        elif len(part.scale):
+            places = [
+                i for i, n in enumerate(record.names) if (n.rpartition(":")[0] or n) == part.name
+            ]
+            torque += record.columns[:, places] @ fit.linear(index)
+    return torque
+
+
 def response_of(record: Record, bands: Bands) -> FloatArray:
     """Return the transform of the torque less the fixed one, both at the times of the torque."""
     return np.asarray(torque_of(record, bands) - fixed_of(record, bands))
@@ -615,11 +631,9 @@ def fixed_of(record: Record, bands: Bands) -> FloatArray:
 
 
 def _fixed_of(record: Record, bands: Bands) -> FloatArray:
-    fixed, load = record.fixed_nm, record.motion.load_torque_nm
-    if record.logged_nm is None or load is None:
-        return np.asarray(bands.transform(np.nan_to_num(fixed)[:, None])[0])
-    ahead, behind = (np.nan_to_num(x) for x in (fixed - record.load * load, record.logged_nm))
-    rows = bands.transform(ahead[:, None]) + bands.transform(behind[:, None], measured=True)
+    rows = bands.transform(record.ahead_nm[:, None])
+    if record.logged_nm is not None and record.motion.load_torque_nm is not None:
+        rows = rows + bands.transform(np.nan_to_num(record.logged_nm)[:, None], measured=True)
     return np.asarray(rows[0])
 
 

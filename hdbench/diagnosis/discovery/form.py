@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.bands import LowPass
-from hdbench.diagnosis.discovery.fit import Fit, Part, Products
+from hdbench.diagnosis.discovery.fit import Fit, Part, Products, fitted_nm
 from hdbench.diagnosis.discovery.moments import inverse, quick_likelihood, solve
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.tables import is_table
@@ -265,35 +265,9 @@ def form_rows(fit: Fit, part: int) -> tuple[FloatArray, Products]:
     return _leading(fit, fit.bands.transform(directions.T))
 
 
-def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
-    """Return the fitted torque, N m; without what acts on the whole signal where asked."""
-    record = fit.record
-    torque = np.zeros(len(record))
-    for index, part in enumerate(fit.parts):
-        if part.term is not None:
-            if whole or not part.term.cause.whole_signal:
-                torque += term_columns(part.term, record) @ fit.linear(index)
-        elif len(part.scale):
-            places = [
-                i for i, n in enumerate(record.names) if (n.rpartition(":")[0] or n) == part.name
-            ]
-            torque += record.columns[:, places] @ fit.linear(index)
-    return torque
-
-
-def _fixed_ahead(record: Record) -> FloatArray:
-    """Return the fixed torque that goes through the channel, N m.
-
-    A load that was logged behind the same filter does not change with it.
-    """
-    load = record.motion.load_torque_nm
-    behind = 0.0 if record.logged_nm is None or load is None else record.load * load
-    return np.asarray(np.nan_to_num(record.fixed_nm - behind))
-
-
 def _channel_rows(fit: Fit) -> FloatArray:
     """Return what another low-pass would make of the torque, per unit of relative size."""
-    ahead = fitted_nm(fit) + np.concatenate([_fixed_ahead(one) for one in fit.pieces])
+    ahead = fitted_nm(fit) + np.concatenate([one.ahead_nm for one in fit.pieces])
     column, rows = ahead[:, None], []
     held = fit.bands.transform(column)[0]
     for share, change in _CHANGES:
@@ -323,12 +297,14 @@ def formed_share(fit: Fit, part: int) -> float:
 FIXED = "expected-torque"
 # low-pass of the torque channel: its corner and its order are off by a share
 CHANNEL = "torque-channel"
-# other low-passes, each with its size as a form error: corner and damping a hundredth less, a
-# higher order, and a filter of samples, which bends frequencies, for one ahead of the sampling or
+# share by which a corner and a damping are changed for a slope
+_LESS = 0.01
+# other low-passes, each with its size as a form error: a lower corner, a lower damping, a higher
+# order, and a filter of samples, which bends frequencies, for one ahead of the sampling or
 # the reverse
 _CHANGES: tuple[tuple[float, Callable[[LowPass], LowPass]], ...] = (
-    (0.01, lambda low_pass: replace(low_pass, corner=0.99 * low_pass.corner)),
-    (0.01, lambda low_pass: replace(low_pass, damping=0.99 * low_pass.damping)),
+    (_LESS, lambda low_pass: replace(low_pass, corner=(1.0 - _LESS) * low_pass.corner)),
+    (_LESS, lambda low_pass: replace(low_pass, damping=(1.0 - _LESS) * low_pass.damping)),
     (SCALES[-1], lambda low_pass: replace(low_pass, order=low_pass.order + 1)),
     (USUAL, lambda low_pass: replace(low_pass, analog=not low_pass.analog)),
 )

@@ -8,11 +8,10 @@ from itertools import product
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
+from hdbench.diagnosis.discovery.fit import Fit, fitted_nm, scaled_rows
 from hdbench.diagnosis.discovery.form import (
     attach_forms,
     best_form_move,
-    fitted_nm,
     form_cost,
     own_statistic,
     usual_scale,

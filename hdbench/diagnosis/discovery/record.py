@@ -174,6 +174,16 @@ class Record:
             ]
         )
 
+    @property
+    def ahead_nm(self) -> FloatArray:
+        """The fixed torque that goes through the torque channel, N m; 0 where it is unknown.
+
+        A load that was logged behind the same filter does not go through it again.
+        """
+        load = self.motion.load_torque_nm
+        logged = 0.0 if self.logged_nm is None or load is None else self.load * load
+        return np.asarray(np.nan_to_num(self.fixed_nm - logged))
+
     def behind(self, low_pass: LowPass | None) -> Record:
         """Return the record with a torque channel behind a low-pass.
 
