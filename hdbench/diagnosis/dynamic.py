@@ -25,6 +25,7 @@ from hdbench.diagnosis.faults.channels import inspect_channels
 from hdbench.diagnosis.faults.converter import coarse_steps
 from hdbench.diagnosis.faults.fault import Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults, faults_of_residual
+from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES
 from hdbench.diagnosis.inspection.channel import same_noise
 from hdbench.model import BenchModel, Cause, catalogue
 from hdbench.model.motion import torque_from_trace
@@ -183,7 +184,7 @@ def make_ready(task: Task, trace: Trace) -> Ready | Refused:
     inspected = _without_own_current(inspected, task.profile)
     if inspected.reason:
         return Refused(inspected, inspected.reason)
-    record = _read(task, inspected.trace, inspected.masked)
+    record = _read(task, inspected)
     reason = _unfit(record)
     if reason:
         return Refused(inspected, reason)
@@ -194,18 +195,24 @@ def findings_of(task: Task, ready: Ready, found: Search, late: ResidualFaults) -
     """Return everything from which the answer on a record is put together."""
     inspected = ready.inspected
     undone = {
-        fault.name: _residual_of(task, fault.undone, inspected.masked, ready.record.low_pass)
+        fault.name: _residual_of(
+            task, replace(inspected, trace=fault.undone), ready.record.low_pass
+        )
         for fault in inspected.faults
         if fault.undone is not None
     }
     return Findings(found, task.given, inspected, late, undone, task.materiality, task.causes)
 
 
-def _read(task: Task, trace: Trace, masked: NDArray[np.bool_]) -> Record:
-    """Return a trace as a record before its channel is known."""
-    trace, masked, added = on_clock(trace, masked)
+def _read(task: Task, inspected: Inspected) -> Record:
+    """Return a record before the channel of its torque is known."""
+    trace, masked, added = on_clock(inspected.trace, inspected.masked)
     record = prepare_record(trace, task.profile.data, task.given, masked, task.change)
-    return replace(record, added=added)
+    motion = record.motion
+    if any(made in VELOCITIES and of in ANGLES for made, of in inspected.derived):
+        # such a velocity has the error of the angle
+        motion = replace(motion, acceleration_source="angle")
+    return replace(record, motion=motion, added=added)
 
 
 def _prepared(task: Task, record: Record, *channel: LowPass | None) -> Record:
@@ -294,7 +301,7 @@ def _with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFault
     """Return late faults with the spikes that were taken out before the search."""
     inspected, spikes = ready.inspected, ready.spikes
     if spikes.any() and not any(fault.name == "spikes" for fault in late.faults):
-        read = _read(task, inspected.trace, inspected.masked)
+        read = _read(task, inspected)
         whole = _prepared(task, read, ready.record.low_pass)
         early = _faults(task, ready, start_fit(whole, task.known()), white=False)
         late = replace(late, faults=(*early.faults, *late.faults))
@@ -321,7 +328,8 @@ def _cleaned(task: Task, inspected: Inspected, read: Record) -> tuple[Record, ND
     fit = start_fit(_prepared(task, read), task.known())
     early = _faults(task, inspected, fit, white=False)
     if early.spikes.any():
-        read = _read(task, inspected.trace, inspected.masked | early.spikes[~read.added])
+        masked = inspected.masked | early.spikes[~read.added]
+        read = _read(task, replace(inspected, masked=masked))
     record = _prepared(task, read, fit.bands.low_pass)
     if any(fault.name == "quantisation" for fault in early.faults):
         record = _rounded(task, record)
@@ -343,11 +351,7 @@ def _rounded(task: Task, record: Record) -> Record:
     return record
 
 
-def _residual_of(
-    task: Task, trace: Trace | None, masked: NDArray[np.bool_], low_pass: LowPass | None
-) -> float:
+def _residual_of(task: Task, inspected: Inspected, low_pass: LowPass | None) -> float:
     """Return the root mean square that the baseline leaves of a trace, N m."""
-    if trace is None:
-        return 0.0
-    fit = start_fit(_prepared(task, _read(task, trace, masked), low_pass), task.known())
+    fit = start_fit(_prepared(task, _read(task, inspected), low_pass), task.known())
     return float(np.sqrt(np.mean(residual_nm(fit)[fit.record.valid] ** 2)))

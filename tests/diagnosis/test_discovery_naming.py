@@ -11,7 +11,7 @@ from swinging_shaft import reversing
 from hdbench.diagnosis.discovery import form, naming, refine
 from hdbench.diagnosis.discovery.baseline import parse_baseline
 from hdbench.diagnosis.discovery.channel import start_fit
-from hdbench.diagnosis.discovery.dictionary import Dictionary
+from hdbench.diagnosis.discovery.dictionary import Dictionary, Look
 from hdbench.diagnosis.discovery.form import FIXED, _lagged, attach_forms, form_rows
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
 from hdbench.diagnosis.discovery.joint import (
@@ -348,6 +348,46 @@ def test_what_a_table_says_over_the_motion_is_no_random_walk(axes, told):
     if found:
         held = found[0].parameters["intensity_nm_per_sqrt_s"]
         assert held.value == pytest.approx(0.2, abs=4.0 * held.std)
+
+
+def test_what_went_again_in_another_form_is_not_found_for_ever(monkeypatch):
+    state = searching(fitted(swinging(3000)))
+    attach_forms(state.fit, idle=True)
+    state.fit.settle(5)
+    beside = state.fit.beside()
+    term = Term(catalogue()["presliding"], {"breakaway_rad": 0.1})
+    found = refine.candidate_of(beside, state.fit.record, term, 1.0, 1.0)
+    found = replace(found, gain_nats=20.0, evidence_nats=20.0)
+    rounds = []
+
+    def one_round(self):
+        rounds.append(1)
+        return () if self.dropped.get("presliding", 0) > 1 else (found,)
+
+    def drop_as_another(self, least=1.0, most=1):
+        for part in self.fit.causes():
+            self.fit.remove(part)
+            self.fit.settle(3)
+            self.dropped["coulomb-friction"] = 2
+
+    monkeypatch.setattr(Search, "round", one_round)
+    monkeypatch.setattr(Search, "prune", drop_as_another)
+    state.go_on()
+    assert len(rounds) == 2
+    assert not state.fit.causes()
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.2, 1), (-0.2, 0)])
+def test_a_table_that_leaves_more_than_it_found_is_none(monkeypatch, share, kept):
+    state = searching(fitted(swinging(3000, lambda _t, _a, w: 0.1 * np.abs(w) ** 0.5, mean=0.0)))
+    attach_forms(state.fit, idle=True)
+    table = next(c for c in table_causes(state.fit.record) if c.name == "table:velocity")
+    look = Look(Term(table, {}), 100.0, 5, 1.0, 1e-9)
+    looks = iter([[("table", look)], []])
+    monkeypatch.setattr(Search, "_table_looks", lambda self: next(looks))
+    monkeypatch.setattr(Search, "explained", lambda self, before: share)
+    state.find_tables()
+    assert len(state.told.tables()) == kept
 
 
 @pytest.mark.parametrize(("better", "searches"), [("coulomb-friction", 0), ("hysteresis", 1)])

@@ -141,6 +141,19 @@ def test_a_speed_that_answers_to_the_torque_tells_what_counting_hides():
     assert (missed + answer)[500:-500].std() < 0.2 * acceleration.std()
 
 
+def test_an_error_of_the_angle_is_no_clock_that_jitters():
+    n = 20_000
+    time = 1e-3 * np.arange(n)
+    speed = 80.0 * (1.0 - np.cos(0.5 * np.pi * time))
+    angle = 80.0 * (time - 2.0 / np.pi * np.sin(0.5 * np.pi * time))
+    # a ring that is mounted off its centre: up to 2 rad/s of 160
+    wrong = angle + 0.0125 * np.cos(angle)
+    motion = motion_from_trace(trace_of(time, speed, wrong, np.zeros(n)), PROFILE.data)
+    times, told = times_by_shaft(motion)
+    assert told < 1e-3
+    assert np.abs(np.diff(times) - 1e-3).max() < 2e-5
+
+
 @pytest.mark.parametrize("jitter", [0.0, 0.1, 0.3])
 def test_a_clock_that_jitters_beneath_even_stamps_is_told_by_the_shaft(jitter):
     rng, n = np.random.default_rng(6), 20_000

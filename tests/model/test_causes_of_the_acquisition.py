@@ -198,6 +198,23 @@ def test_the_slope_of_a_signal_leaves_the_output_angle_alone(bench, make_motion)
     assert (whole.simulated_nm == model.torque_nm(motion)).all()
 
 
+def test_an_acceleration_of_the_angle_has_the_second_derivative_of_its_error(make_motion):
+    motion = replace(turning_motion(make_motion), acceleration_source="angle")
+    columns = catalogue()["transmission-error"].columns(motion, {})
+    rate, gear = 60.0 + 600.0 * motion.time_s, 100.0
+    # d2/dt2 cos(k theta) = -(k rate)^2 cos(k theta) - k 600 sin(k theta), and so on
+    for place, k in ((0, 1.0), (2, 1.0 / gear), (4, 2.0 / gear)):
+        angle, way = k * motion.angle_rad, k * rate
+        cosine = -(way**2) * np.cos(angle) - k * 600.0 * np.sin(angle)
+        sine = -(way**2) * np.sin(angle) + k * 600.0 * np.cos(angle)
+        want = -1.725e-4 * np.column_stack([cosine, sine])
+        np.testing.assert_allclose(columns[:, place : place + 2], want, rtol=1e-9, atol=1e-12)
+    # the load behind a spring turns too slowly to be seen
+    assert not columns[:, 6].any()
+    by_velocity = replace(motion, acceleration_source="velocity")
+    assert not catalogue()["transmission-error"].columns(by_velocity, {}).any()
+
+
 def test_without_a_simulated_torque_an_angle_that_is_off_gives_none(make_motion):
     motion = make_motion(ripple_slope_nm_per_rad=None)
     assert not catalogue()["transmission-error"].columns(motion, {}).any()

@@ -265,7 +265,8 @@ def slope_and_error(fit: Fit) -> tuple[FloatArray, FloatArray]:
     record = fit.record
     error, slope = np.zeros(len(record)), np.zeros(len(record))
     # its columns are the error where the torque falls by 1 N m/rad
-    falling = replace(record.motion, ripple_slope_nm_per_rad=-np.ones(len(record)))
+    slopes = -np.ones(len(record))
+    falling = replace(record.motion, ripple_slope_nm_per_rad=slopes, inertia_nm_s2=0.0)
     for index, part in enumerate(fit.parts):
         if part.term is not None and part.name == TRANSMISSION_ERROR:
             errors = term_columns(part.term, replace(record, motion=falling))

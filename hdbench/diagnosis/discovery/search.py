@@ -221,10 +221,14 @@ class Search:
             )
             if not found:
                 break
-            before = self.fit.bands.power(self.fit.residual).sum()
+            before, without = self.fit.bands.power(self.fit.residual).sum(), self.fit.copy()
             self.accept(_unjoined(found))
+            share = self.explained(before)
+            if share < 0.0:
+                # what it says of fast changes costs more of slow ones, where noise may be anything
+                self.fit = without
             # further ones explain less
-            if self.explained(before) < self.least_share:
+            if share < self.least_share:
                 break
         self.whole, self.fit = self.fit, names
 
@@ -641,6 +645,7 @@ class Search:
         for count in range(_MOST_ROUNDS):
             if report is not None:
                 report("searching", 0.35 + 0.5 * (1.0 - 0.8**count))
+            names, worth = _names(self.fit), _worth(self.fit)
             found = self.round()
             form = best_form_move(self.fit)
             most = max(self.most_nats, form.gain_nats if form else 0.0)
@@ -650,9 +655,9 @@ class Search:
             if form is not None and form.gain_nats > least:
                 self._change_forms(form, least)
             elif found:
-                before = self.fit.bands.power(self.fit.residual).sum()
+                left = self.fit.bands.power(self.fit.residual).sum()
                 self.accept(found)
-                small = small + 1 if self.explained(before) < self.least_share else 0
+                small = small + 1 if self.explained(left) < self.least_share else 0
                 if small > _SMALL:
                     self.reform_all()
                     self.drop_needless()
@@ -667,6 +672,9 @@ class Search:
             renew_channel(self.fit)
             attach_forms(self.fit, idle=True)
             self.prune()
+            if _names(self.fit) == names and _worth(self.fit) < worth + LEAST_NATS:
+                # what was found has gone again, in whatever form
+                self.dropped |= dict.fromkeys(self.latest, _AGAIN)
             for place, one in enumerate(plain):
                 same = _with_causes(one, self.fit)
                 if value_of(same) > value_of(self.fit) - LOW_PASS_PRICE:
@@ -748,6 +756,10 @@ def _turn(entry: tuple[Candidate, ...]) -> float:
     """
     law = all(follows_motion(c.term.cause) for c in entry)
     return round(_plain(entry) * (_LAWS_FIRST if law else 1.0), 1)
+
+
+def _names(fit: Fit) -> list[str]:
+    return sorted(fit.parts[part].name for part in fit.causes())
 
 
 def _worth(fit: Fit) -> float:

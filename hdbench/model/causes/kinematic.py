@@ -45,7 +45,22 @@ def _has_inertia(motion: Motion) -> str | None:
 def _transmission(motion: Motion, _: parts.Shape) -> FloatArray:
     errors = _angle_errors(motion)
     slope = motion.ripple_slope_nm_per_rad
-    return np.zeros_like(errors) if slope is None else -slope[:, None] * errors
+    torque = np.zeros_like(errors) if slope is None else -slope[:, None] * errors
+    if motion.acceleration_source == "angle":
+        # the expected torque is that of the angle with its error
+        torque -= motion.inertia_nm_s2 * _curvature(errors, motion)
+    return torque
+
+
+def _curvature(errors: FloatArray, motion: Motion) -> FloatArray:
+    """Return the second derivatives of the errors of an angle, rad/s^2; 0 for the load's."""
+    found = np.zeros_like(errors)
+    for place, turns in ((0, 1.0), (2, 1.0 / motion.gear_ratio), (4, 2.0 / motion.gear_ratio)):
+        cosine, sine = errors[:, place], errors[:, place + 1]
+        square, change = (turns * motion.velocity_rad_s) ** 2, turns * motion.acceleration_rad_s2
+        found[:, place] = -square * cosine - change * sine
+        found[:, place + 1] = change * cosine - square * sine
+    return found
 
 
 def _angle_errors(motion: Motion) -> FloatArray:
