@@ -25,6 +25,8 @@ _MIB = float(1 << 20)
 def storage_error(error: OSError, path: Path) -> StorageError:
     """Return `error` as the error that a person at the bench can act on."""
     fix = "free space or choose another folder with --out; what was acknowledged is kept"
+    if error.errno == errno.ENOENT:
+        fix = "make that folder first, or choose another one with --out"
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         fix = "choose a folder with --out that you may write to, or ask for the right to this one"
     if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):

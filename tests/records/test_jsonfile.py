@@ -85,8 +85,9 @@ def test_a_full_or_failing_disk_leaves_the_old_file(tmp_path, monkeypatch, call,
 
 
 def test_a_missing_folder_is_a_storage_error(tmp_path):
-    with pytest.raises(StorageError):
+    with pytest.raises(StorageError) as failed:
         write_json(tmp_path / "no" / "r.json", {})
+    assert "make that folder" in str(failed.value.fix)
 
 
 def write_for_ever(path):
