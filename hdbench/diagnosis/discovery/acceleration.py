@@ -18,7 +18,7 @@ from hdbench.records.trace import FloatArray
 # a sample is at least this share of a step after the one before: one that was held has no time
 _LEAST_STEP = 0.05
 # bands of frequency in which steps of a clock have the same power, but for so many standard
-# deviations from the least to the largest of them
+# deviations between two of them
 _CLOCK_BANDS, _BY_CHANCE = 8, 3.0
 # rounds in which weights follow what they leave; share of a scatter that one of them leaves
 _ROUNDS, _QUIETEST = 4, 1e-3
@@ -41,8 +41,8 @@ def times_by_shaft(motion: Motion) -> tuple[FloatArray, float]:
 
     Between two samples the angle moves by the speed times the time: what of the difference grows
     with the speed is no noise of either channel, but time that the stamps do not show. Steps of a
-    clock do not know of each other: what has more power at some frequencies than at others is an
-    error of the angle, or motion that the velocity does not show.
+    clock do not know of each other: what has more power below than at the highest frequencies is
+    an error of the angle, or motion that the velocity does not show.
     """
     from scipy.optimize import nnls
 
@@ -65,8 +65,9 @@ def times_by_shaft(motion: Motion) -> tuple[FloatArray, float]:
     edges = np.unique(np.linspace(0, len(lines), _CLOCK_BANDS + 1).astype(int))
     counts = np.diff(edges)
     power = np.add.reduceat(np.abs(lines) ** 2, edges[:-1]) / counts
-    # the mean of so many exponentials scatters by one over the root of their number
-    most = power.min() * (1.0 + _BY_CHANCE / np.sqrt(counts))
+    # no shaft moves in the last band; a mean of so many exponentials scatters by one over the root
+    # of their number
+    most = power[-1] * (1.0 + _BY_CHANCE / np.sqrt(counts))
     lines *= np.repeat(np.minimum(1.0, most / np.maximum(power, 1e-300)), counts)
     told = np.maximum(1.0 + np.fft.irfft(lines, len(steps)), _LEAST_STEP)
     ticks = motion.time_s[0] + np.concatenate([[0.0], np.cumsum(steps * told)])
