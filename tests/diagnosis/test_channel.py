@@ -6,10 +6,11 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from swinging_shaft import RIPPLE, record, reversing
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.discovery.bands import make_bands, shifted
+from hdbench.diagnosis.discovery.bands import LowPass, make_bands, shifted
 from hdbench.diagnosis.discovery.channel import start_fit
+from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.loudness import loudness
-from hdbench.diagnosis.discovery.record import prepare_record
+from hdbench.diagnosis.discovery.record import SAMPLED, prepare_record
 from hdbench.model import BenchModel
 from hdbench.profile import load_profile
 from hdbench.records import Trace
@@ -123,6 +124,27 @@ def test_the_band_of_a_stored_torque_is_the_same_whatever_is_expected():
     assert len(fit.bands) == len(again.bands) == len(plain.bands)
     assert fit.shapes.floor == pytest.approx(again.shapes.floor)
     assert fit.bands.frequency_hz[-1] < 50.0
+
+
+@pytest.mark.parametrize("analog", [True, False])
+def test_a_line_above_the_nyquist_frequency_is_filtered_ahead_of_the_sampling(analog):
+    # order 4 at 10 to 200 rad/s: 6 to 127 Hz, sampled at 125 Hz
+    time = np.arange(4000) * 8e-3
+    speed = 105.0 + 95.0 * np.sin(0.4 * time)
+    angle = 105.0 * time + 237.5 * (1.0 - np.cos(0.4 * time))
+    columns = {"motor_velocity_rad_s": speed, "motor_angle_rad": angle, "torque_nm": 0.1 * speed}
+    trace, model = Trace({"time_s": time, **columns}), BenchModel.from_profile(PROFILE.data)
+    record = prepare_record(trace, PROFILE.data, model, np.zeros(len(time), dtype=bool))
+    low_pass = LowPass(0.5, analog=analog)
+    bands = make_bands(record.valid, record.period_s).low_passed(low_pass)
+    fit = Fit.laid_out(record.behind(low_pass), bands, 1e-6)
+    parts = [i for i, one in enumerate(fit.parts) if one.name.startswith(SAMPLED)]
+    scale = np.concatenate([fit.parts[part].scale for part in parts])
+    held = {fit.parts[part].name for part in parts}
+    places = [i for i, name in enumerate(record.names) if name.rpartition(":")[0] in held]
+    stored = bands.transform(record.columns[:, places], measured=True)
+    alike = np.allclose(fit.rows[np.isin(fit.owner, parts)] * scale[:, None], stored)
+    assert alike == analog
 
 
 @pytest.mark.parametrize("times", [1.0, 2.0])

@@ -96,3 +96,17 @@ def test_a_share_of_what_is_modelled_is_form_error_up_to_a_hundredth_of_its_size
     power[20] += 9e-4 * model[20]
     capped = SHAPES.without_bumps().fit(power, BANDS.counts, None, model, np.zeros(len(BANDS)))
     assert capped.power[20] < 0.2 * power[20]
+
+
+def test_white_noise_behind_the_filter_of_the_channel_is_no_hump():
+    sections = signal.butter(2, 55.0, fs=1.0 / PERIOD_S, output="sos")
+    hertz = np.arange(BANDS.length) / (2.0 * BANDS.length * PERIOD_S)
+    # forward and back
+    passed = np.abs(signal.sosfreqz(sections, hertz, fs=1.0 / PERIOD_S)[1]) ** 4
+    power = np.add.reduceat(passed, BANDS.edges[:-1]) / np.diff(BANDS.edges)
+    off = []
+    for shapes in (make_shapes(BANDS.frequency_hz, 1e-12, power), SHAPES):
+        falling = shapes.without_bumps().fit(power, BANDS.counts).power
+        off.append(np.abs(np.log(falling / power))[power > 0.01].max())
+    assert off[0] < 0.02
+    assert off[1] > 0.1

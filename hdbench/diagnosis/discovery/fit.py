@@ -19,7 +19,7 @@ from hdbench.diagnosis.discovery.moments import (
     solve,
     solve_best,
 )
-from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.record import SAMPLED, Record
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum, make_shapes
 from hdbench.diagnosis.discovery.tables import Table
 from hdbench.diagnosis.discovery.term import (
@@ -262,7 +262,8 @@ class Fit:
         """Return the fit of the baseline before it is settled, in a noise if one is given."""
         measured = response_of(record, bands)
         power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
-        shapes = make_shapes(bands.frequency_hz, floor)
+        passed = np.add.reduceat(bands.passed**2, bands.edges[:-1]) / np.diff(bands.edges)
+        shapes = make_shapes(bands.frequency_hz, floor, passed)
         # the first weights fall with frequency: a strong effect must not hide behind itself
         falling = np.maximum.accumulate(np.maximum(power, floor)[::-1])[::-1]
         spectrum = start or shapes.fit(falling, bands.counts)
@@ -270,6 +271,11 @@ class Fit:
         moved = bands.power(bands.transform(fixed[:, None])[0])
         fit = cls.empty(record, bands, shapes, measured, spectrum, moved)
         rows, scale = scaled_rows(bands, record.columns)
+        if bands.low_pass is not None and bands.low_pass.analog:
+            # a line above the Nyquist frequency was filtered there, not where it is seen
+            free = [i for i, name in enumerate(record.names) if name.startswith(SAMPLED)]
+            seen = bands.transform(record.columns[:, free], measured=True)
+            rows[free] = seen / scale[free, None]
         passed = np.sum(rows**2, axis=1)
         stems = [name.rpartition(":")[0] or name for name in record.names]
         for stem in dict.fromkeys(stems):

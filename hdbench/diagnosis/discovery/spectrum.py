@@ -175,18 +175,28 @@ def _between(rows: FloatArray, wanted: FloatArray, caps: FloatArray) -> FloatArr
     return np.asarray(found / size)
 
 
-def make_shapes(frequency_hz: FloatArray, floor: float) -> Shapes:
-    """Return the shapes for bands of these frequencies."""
+def make_shapes(frequency_hz: FloatArray, floor: float, passed: FloatArray | float = 1.0) -> Shapes:
+    """Return the shapes for bands of these frequencies.
+
+    White noise ahead of the torque channel leaves it with the power that is `passed`.
+    """
     f = frequency_hz
     corners = np.geomspace(4.0 * f[1], 0.5 * f[-1], _POLES)
     falling = [np.ones(len(f)), 1.0 / f, f**-2.0, f**-3.0]
     falling += [1.0 / (1.0 + (f / corner) ** power) for power in (2, 4) for corner in corners]
+    falling.append(np.minimum.accumulate(passed * np.ones(len(f))))
     centres = np.geomspace(f[1], 0.9 * f[-1], _BUMPS)
     bumps = [np.exp(-0.5 * (np.log(f / centre) / _BUMP_WIDTH) ** 2) for centre in centres]
     table = np.array([shape / shape.max() for shape in (*falling, *bumps)])
     timing = np.minimum(1.0, (2.0 * np.pi * f * _DELAY_S) ** 2)
     edge = _SLOW_SHARE * f[-1]
     slow = np.concatenate(
-        [[False, True, True, True], corners < edge, corners < edge, centres < edge]
+        [
+            [False, True, True, True],
+            corners < edge,
+            corners < edge,
+            [False],
+            centres < edge,
+        ]
     )
     return Shapes(table, len(falling), floor, timing, slow)
