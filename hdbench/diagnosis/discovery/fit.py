@@ -262,20 +262,21 @@ class Fit:
         """Return the fit of the baseline before it is settled, in a noise if one is given."""
         measured = response_of(record, bands)
         power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
-        passed = np.add.reduceat(bands.passed**2, bands.edges[:-1]) / np.diff(bands.edges)
-        shapes = make_shapes(bands.frequency_hz, floor, passed)
+        white = np.add.reduceat(bands.passed**2, bands.edges[:-1]) / np.diff(bands.edges)
+        shapes = make_shapes(bands.frequency_hz, floor, white)
         # the first weights fall with frequency: a strong effect must not hide behind itself
         falling = np.maximum.accumulate(np.maximum(power, floor)[::-1])[::-1]
         spectrum = start or shapes.fit(falling, bands.counts)
         fixed = np.nan_to_num(record.fixed_nm - record.fixed_nm[record.valid].mean())
         moved = bands.power(bands.transform(fixed[:, None])[0])
         fit = cls.empty(record, bands, shapes, measured, spectrum, moved)
-        rows, scale = scaled_rows(bands, record.columns)
-        if bands.low_pass is not None and bands.low_pass.analog:
-            # a line above the Nyquist frequency was filtered there, not where it is seen
-            free = [i for i, name in enumerate(record.names) if name.startswith(SAMPLED)]
-            seen = bands.transform(record.columns[:, free], measured=True)
-            rows[free] = seen / scale[free, None]
+        # a line above the Nyquist frequency was filtered ahead of the sampling, where it was
+        ahead = bands.low_pass is not None and bands.low_pass.analog
+        free = np.array([ahead and one.startswith(SAMPLED) for one in record.names], dtype=bool)
+        rows, scale = np.empty((len(free), bands.size)), _sizes(record.columns)
+        for some, stored in ((~free, False), (free, True)):
+            rows[some] = bands.transform(record.columns[:, some], measured=stored)
+        rows /= scale[:, None]
         passed = np.sum(rows**2, axis=1)
         stems = [name.rpartition(":")[0] or name for name in record.names]
         for stem in dict.fromkeys(stems):

@@ -652,7 +652,8 @@ class Search:
             if self.accept_slow(most) or self.accept_delay(most):
                 continue
             least = max(_turn(found), LEAST_NATS)
-            if form is not None and form.gain_nats > least:
+            reformed = form is not None and form.gain_nats > least
+            if reformed:
                 self._change_forms(form, least)
             elif found:
                 left = self.fit.bands.power(self.fit.residual).sum()
@@ -672,7 +673,8 @@ class Search:
             renew_channel(self.fit)
             attach_forms(self.fit, idle=True)
             self.prune()
-            if _names(self.fit) == names and _worth(self.fit) < worth + LEAST_NATS:
+            gained = _names(self.fit) != names or _worth(self.fit) >= worth + LEAST_NATS
+            if found and not (reformed or gained):
                 # what was found has gone again, in whatever form
                 self.dropped |= dict.fromkeys(self.latest, _AGAIN)
             for place, one in enumerate(plain):

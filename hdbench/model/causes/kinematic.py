@@ -23,17 +23,28 @@ _TURNS = 3
 
 def _kinematic(motion: Motion, _: parts.Shape) -> FloatArray:
     inertia = motion.inertia_nm_s2 * motion.gear_ratio
-    centripetal = -inertia * motion.velocity_rad_s**2
-    tangential = inertia * motion.acceleration_rad_s2
     columns = np.empty((len(motion), 2 * len(_HARMONICS)))
     cosine, sine = np.cos(motion.angle_rad), np.sin(motion.angle_rad)
     for place, k in enumerate(_HARMONICS):
         if place:
             # each harmonic is twice the one before
             cosine, sine = cosine * cosine - sine * sine, 2.0 * sine * cosine
-        columns[:, 2 * place] = k * k * centripetal * cosine - k * tangential * sine
-        columns[:, 2 * place + 1] = k * k * centripetal * sine + k * tangential * cosine
+        columns[:, 2 * place : 2 * place + 2] = _inertial(inertia, k, cosine, sine, motion)
     return columns
+
+
+def _inertial(
+    inertia: float, k: float, cosine: FloatArray, sine: FloatArray, motion: Motion
+) -> FloatArray:
+    """Return an inertia times the second derivatives of cosine and sine of k motor angles."""
+    centripetal = -inertia * motion.velocity_rad_s**2
+    tangential = inertia * motion.acceleration_rad_s2
+    return np.column_stack(
+        [
+            k * k * centripetal * cosine - k * tangential * sine,
+            k * k * centripetal * sine + k * tangential * cosine,
+        ]
+    )
 
 
 def _has_inertia(motion: Motion) -> str | None:
@@ -47,20 +58,11 @@ def _transmission(motion: Motion, _: parts.Shape) -> FloatArray:
     slope = motion.ripple_slope_nm_per_rad
     torque = np.zeros_like(errors) if slope is None else -slope[:, None] * errors
     if motion.acceleration_source == "angle":
-        # the expected torque is that of the angle with its error
-        torque -= motion.inertia_nm_s2 * _curvature(errors, motion)
+        # the expected torque is that of the angle with its error; what a load adds is too slow
+        for place, k in ((0, 1.0), (2, 1.0 / motion.gear_ratio), (4, 2.0 / motion.gear_ratio)):
+            waves = errors[:, place], errors[:, place + 1]
+            torque[:, place : place + 2] -= _inertial(motion.inertia_nm_s2, k, *waves, motion)
     return torque
-
-
-def _curvature(errors: FloatArray, motion: Motion) -> FloatArray:
-    """Return the second derivatives of the errors of an angle, rad/s^2; 0 for the load's."""
-    found = np.zeros_like(errors)
-    for place, turns in ((0, 1.0), (2, 1.0 / motion.gear_ratio), (4, 2.0 / motion.gear_ratio)):
-        cosine, sine = errors[:, place], errors[:, place + 1]
-        square, change = (turns * motion.velocity_rad_s) ** 2, turns * motion.acceleration_rad_s2
-        found[:, place] = -square * cosine - change * sine
-        found[:, place + 1] = change * cosine - square * sine
-    return found
 
 
 def _angle_errors(motion: Motion) -> FloatArray:
