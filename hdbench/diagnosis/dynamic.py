@@ -31,6 +31,7 @@ from hdbench.model import BenchModel, Cause, catalogue
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
+from hdbench.system.memory import memory_kept
 
 Report = Callable[[str, float], None]
 """Told what is being done and the share done."""
@@ -76,6 +77,7 @@ class Task:
         return float(sum(skews))
 
 
+@memory_kept()
 def diagnose_trace(
     trace: Trace,
     profile: Profile,

@@ -34,8 +34,10 @@ from hdbench.results.diagnosis import (
     StretchFlag,
     Testable,
 )
+from hdbench.system.memory import memory_kept
 
 
+@memory_kept()
 def diagnose_together(
     traces: Sequence[Trace],
     names: Sequence[str],

@@ -37,6 +37,8 @@ SLOW = "slow-motion"
 _OWN_SHARE = 1e-6
 # a play or a limit takes all that is its own, to a hundredth: no form is exact
 _WHOLE_STD = 0.01
+# rows for which a fit has room before it must move: those of some causes and their form errors
+_ROOM = 48
 
 
 @dataclass(slots=True)
@@ -167,6 +169,27 @@ class Beside:
         return np.asarray(row - (self.factor.T @ cross) @ self.rows)
 
 
+class Store:
+    """Rows that copies of a fit have in common: a fit that holds all of them adds in place."""
+
+    __slots__ = ("rows", "used")
+
+    def __init__(self, rows: FloatArray, places: NDArray[np.int64], extra: int = 0) -> None:
+        self.used = len(places)
+        self.rows = np.empty((self.used + extra + _ROOM, rows.shape[1]))
+        np.take(rows, places, axis=0, out=self.rows[: self.used], mode="clip")
+
+    def has_room(self, held: int, extra: int) -> bool:
+        """Return whether a fit that holds so many rows may add more here."""
+        return held == self.used and held + extra <= len(self.rows)
+
+    def add(self, rows: FloatArray) -> FloatArray:
+        """Add rows and return all."""
+        self.rows[self.used : self.used + len(rows)] = rows
+        self.used += len(rows)
+        return self.rows[: self.used]
+
+
 @dataclass(slots=True)
 class Fit:
     """State of the joint fit.
@@ -206,6 +229,8 @@ class Fit:
         Power of the torque that the baseline holds fixed.
     likelihood : float
         Log likelihood of the last settling, nats.
+    store : Store or None
+        Where the rows are, with room for more; None before any was added.
     """
 
     record: Record
@@ -225,6 +250,7 @@ class Fit:
     fixed: FloatArray
     likelihood: float = -np.inf
     information: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    store: Store | None = None
 
     @classmethod
     def empty(
@@ -344,7 +370,9 @@ class Fit:
         gram[:, :k, :k] = self.gram
         gram[:, k:, :k], gram[:, k:, k:] = cross, own
         gram[:, :k, k:] = np.swapaxes(cross, 1, 2)
-        self.rows, self.gram = np.concatenate([self.rows, rows]), gram
+        if self.store is None or not self.store.has_room(k, extra):
+            self.store = Store(self.rows, np.arange(k), extra)
+        self.rows, self.gram = self.store.add(rows), gram
         self.against = np.hstack([self.against, self.bands.along(rows, self.measured)])
         self.owner = np.append(self.owner, np.full(extra, part))
         self.form = np.append(self.form, np.full(extra, form))
@@ -358,7 +386,8 @@ class Fit:
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
         """Keep only these rows; what the others explained is residual again."""
-        self.rows = self.rows[kept]
+        self.store = Store(self.rows, np.flatnonzero(kept))
+        self.rows = self.store.rows[: self.store.used]
         self.gram = among(self.gram, kept)
         self.against = self.against[:, kept]
         self.owner, self.form = self.owner[kept], self.form[kept]
@@ -384,7 +413,8 @@ class Fit:
         places = np.flatnonzero((self.owner == part) & ~self.form)
         linear = self.coefficients[places] / self.parts[part].scale
         if shared:
-            self.rows, self.gram = self.rows.copy(), self.gram.copy()
+            self.store = Store(self.rows, np.arange(len(self.rows)))
+            self.rows, self.gram = self.store.rows[: self.store.used], self.gram.copy()
             self.against, self.coefficients = self.against.copy(), self.coefficients.copy()
         self.rows[places] = rows
         new = self.bands.gram(rows, self.rows)
