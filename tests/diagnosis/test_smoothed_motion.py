@@ -180,6 +180,34 @@ def test_a_clock_that_jitters_beneath_even_stamps_is_told_by_the_shaft(jitter):
     )
     assert record.clock_jitter == pytest.approx(told, abs=0.02)
     np.testing.assert_array_equal(record.motion.time_s, trace.time_s)
+    assert (record.taken_s is None) == (jitter == 0.0)
+    if record.taken_s is not None:
+        np.testing.assert_array_equal(record.taken_s, times)
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_filter_of_the_torque_runs_over_the_time_of_uneven_samples(stamped):
+    # ripple up to 100 Hz behind a filter at 10 kHz with its corner at 48 Hz
+    fine = 1e-4 * np.arange(160_000)
+    angle = 80.0 * (fine - 2.0 / np.pi * np.sin(0.5 * np.pi * fine))
+    ripple = 0.3 * np.cos(2.0 * angle) + 0.4 * np.cos(4.0 * angle + 1.0)
+    acceleration = 40.0 * np.pi * np.sin(0.5 * np.pi * fine)
+    passed = sosfiltfilt(butter(2, 48.0, fs=1e4, output="sos"), ripple + 1.725e-4 * acceleration)
+    rng = np.random.default_rng(9)
+    taken = np.cumsum(1e-3 * np.exp(0.25 * rng.standard_normal(15_500)))
+    taken = taken[taken < fine[-1]]
+    speed = 80.0 * (1.0 - np.cos(0.5 * np.pi * taken))
+    torque = np.interp(taken, fine, passed) + 0.01 * rng.standard_normal(len(taken))
+    stamps = taken if stamped else np.linspace(taken[0], taken[-1], len(taken))
+    tacho = np.round(speed + 0.05 * rng.standard_normal(len(taken)), 2)
+    result = diagnose_trace(
+        trace_of(stamps, tacho, np.interp(taken, fine, angle), torque), PROFILE, materiality=0.0
+    )
+    found = result.settings["torque_low_pass"]
+    assert found["over_time"]
+    assert found["corner_hz"] == pytest.approx(48.0, rel=0.01)
+    assert result.causes == ()
+    assert result.unexplained == ()
 
 
 def test_the_motion_of_lost_samples_is_interpolated_and_takes_no_part():

@@ -277,6 +277,7 @@ def _low_pass(fit: Fit) -> dict[str, object] | None:
         "delayed": found.causal,
         "ahead_of_sampling": found.analog,
         "load_too": found.load,
+        "over_time": found.over_time,
     }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ _FADE = 0.01
 _AT_ONCE = 8
 # a wave that is moved is faded anew; where the window is next to nothing this has no meaning
 _STRETCH = 2.0
+# samples between which uneven ones are interpolated: a tone at .4 of the Nyquist frequency to a
+# thousandth, where steps scatter by a fifth
+_NEAREST = 12
 # a filter is undone to some thirty times, so that noise behind it does not take over
 _UNDONE = 1e-3
 
@@ -43,6 +47,8 @@ class LowPass:
         Whether it ran ahead of the sampling: it bends no frequencies, as one of samples does.
     damping : float
         Damping of its poles relative to Butterworth's; 1.41 makes two equal first orders of two.
+    over_time : bool
+        Whether it ran over the times of uneven samples; else over the samples as if they were even.
     """
 
     corner: float
@@ -51,6 +57,7 @@ class LowPass:
     load: bool = False
     analog: bool = False
     damping: float = 1.0
+    over_time: bool = False
 
     def poles(self, corner: float) -> NDArray[np.complex128]:
         """Return the poles of the filter at a corner in rad/s, 1/s."""
@@ -167,6 +174,44 @@ def _bridged(values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
     return known, np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
 
 
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """When uneven samples were taken: a channel that filters over time does not filter over them.
+
+    Parameters
+    ----------
+    to_even, from_even : sparse matrix
+        What makes signals at even times of signals at the samples, and the reverse.
+    """
+
+    to_even: Any
+    from_even: Any
+
+    @classmethod
+    def of(cls, ticks: FloatArray) -> Clock:
+        """Return the clock of samples that were taken at `ticks`, in periods, none before 0."""
+        even = np.arange(int(np.ceil(ticks[-1])) + 1.0)
+        return cls(_between(ticks, even), _between(even, ticks))
+
+
+def _between(times: FloatArray, at: FloatArray) -> Any:
+    """Return what interpolates signals from times to others, a polynomial through the nearest."""
+    from scipy.sparse import csr_array
+
+    count = min(_NEAREST, len(times))
+    places = np.clip(np.searchsorted(times, at) - count // 2, 0, len(times) - count)
+    places = places[:, None] + np.arange(count)
+    # beyond the ends a signal stays
+    here, nodes = np.clip(at, times[0], times[-1])[:, None], times[places]
+    weights = np.ones_like(nodes)
+    for k in range(count):
+        others = np.delete(nodes, k, axis=1)
+        weights[:, k] = np.prod((here - others) / (nodes[:, k : k + 1] - others), axis=1)
+    rows = np.repeat(np.arange(len(at)), count)
+    shape = (len(at), len(times))
+    return csr_array((weights.ravel(), (rows, places.ravel())), shape=shape)
+
+
 def _once(low_pass: LowPass, rows: FloatArray) -> FloatArray:
     """Return rows behind a filter that runs once, from rest."""
     from scipy.fft import irfft, next_fast_len, rfft
@@ -215,6 +260,8 @@ class Bands:
         Lost samples, and the last present sample before and after each.
     weight : ndarray
         Weight of the one before.
+    clock : Clock or None
+        When the samples were taken; None where they are even.
     """
 
     edges: NDArray[np.int64]
@@ -228,6 +275,7 @@ class Bands:
     after: NDArray[np.int64]
     weight: FloatArray
     low_pass: LowPass | None = None
+    clock: Clock | None = None
 
     def __len__(self) -> int:
         return len(self.counts)
@@ -264,20 +312,24 @@ class Bands:
         whole[: self.size] = row
         column = np.asarray(idct(whole, norm="ortho"))[: len(self.fade)] * self.fade
         column = self._unbridged(column)
+        clock = self._clock_of_filter
         if self.low_pass is None:
             return column
+        if clock is not None:
+            column = clock.from_even.T @ column
         if not self.low_pass.causal:
             long = np.zeros(len(_lengthened(column[None, :])[0]))
             long[: len(column)] = column
             long = _both_ways(self.low_pass, long[None, :])[0]
             # the last value went on
             long[len(column) - 1] += long[len(column) :].sum()
-            return np.asarray(long[: len(column)])
-        total = float(column.sum())
-        column = _once(self.low_pass, column[None, ::-1])[0, ::-1].copy()
-        # the filter begins at rest at the first sample
-        column[0] += total - float(column.sum())
-        return column
+            column = long[: len(column)]
+        else:
+            total = float(column.sum())
+            column = _once(self.low_pass, column[None, ::-1])[0, ::-1].copy()
+            # the filter begins at rest at the first sample
+            column[0] += total - float(column.sum())
+        return np.asarray(column if clock is None else clock.to_even.T @ column)
 
     def waves(self, rows: FloatArray) -> FloatArray:
         """Return what coefficients are in time, shape (k, n_samples)."""
@@ -299,15 +351,23 @@ class Bands:
         wave = self._bridged(wave[None, :])[0]
         return np.asarray(dct(wave, n=self.length, norm="ortho"))[: self.size]
 
+    @property
+    def _clock_of_filter(self) -> Clock | None:
+        return self.clock if self.low_pass is not None and self.low_pass.over_time else None
+
     def _passed(self, rows: FloatArray) -> FloatArray:
         """Return rows as the channel passes them; a filter with a delay begins at rest."""
-        low_pass = self.low_pass
+        low_pass, clock = self.low_pass, self._clock_of_filter
         if low_pass is None:
             return rows
+        if clock is not None:
+            rows = np.ascontiguousarray((clock.to_even @ rows.T).T)
         if low_pass.causal:
             first = rows[:, :1]
-            return first + _once(low_pass, rows - first)
-        return _both_ways(low_pass, _lengthened(rows))[:, : rows.shape[1]].copy()
+            rows = first + _once(low_pass, rows - first)
+        else:
+            rows = _both_ways(low_pass, _lengthened(rows))[:, : rows.shape[1]].copy()
+        return rows if clock is None else np.ascontiguousarray((clock.from_even @ rows.T).T)
 
     def _bridged(self, rows: FloatArray) -> FloatArray:
         """Return rows with lost samples on straight lines."""
@@ -359,8 +419,13 @@ class Bands:
         return np.asarray(np.add.reduceat(row * row, self.edges[:-1]))
 
 
-def make_bands(valid: NDArray[np.bool_], period_s: float, share: float = 1.0) -> Bands:
-    """Return the bands of a record."""
+def make_bands(
+    valid: NDArray[np.bool_],
+    period_s: float,
+    share: float = 1.0,
+    taken_s: FloatArray | None = None,
+) -> Bands:
+    """Return the bands of a record; `taken_s` is when uneven samples were taken."""
     from scipy.fft import next_fast_len
 
     n = len(valid)
@@ -383,4 +448,6 @@ def make_bands(valid: NDArray[np.bool_], period_s: float, share: float = 1.0) ->
     counts = np.diff(edges) * float(np.sum(fade[valid] ** 2)) / size
     frequency = np.sqrt(np.maximum(edges[:-1], 0.5) * edges[1:]) / (2.0 * size * period_s)
     passed = np.ones(int(edges[-1]))
-    return Bands(edges, counts, frequency, fade, size, passed, lost, before, after, weight)
+    clock = None if taken_s is None else Clock.of((taken_s - taken_s[0]) / period_s)
+    held = (edges, counts, frequency, fade, size, passed, lost, before, after, weight)
+    return Bands(*held, clock=clock)

@@ -64,7 +64,7 @@ _WORTH_NATS = 2.0
 
 def start_fit(record: Record, known: Iterable[Term] = ()) -> Fit:
     """Return the fit of the baseline and the causes that the model already holds."""
-    bands = make_bands(record.valid, record.period_s)
+    bands = make_bands(record.valid, record.period_s, taken_s=record.taken_s)
     # what it passes is its own, whatever the model expects
     stored = bands.transform(record.unloaded_nm[:, None], measured=True)[0]
     floor = (_FLOOR * float(np.std(record.response_nm[record.valid])) + 1e-12) ** 2
@@ -77,7 +77,7 @@ def start_fit(record: Record, known: Iterable[Term] = ()) -> Fit:
         top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
         corners = np.minimum(_CORNERS * bands.frequency_hz[top] / bands.frequency_hz[-1], _HIGHEST)
         share = bands.edges[top + 1] / bands.length
-        bands = make_bands(record.valid, record.period_s, float(share))
+        bands = make_bands(record.valid, record.period_s, float(share), record.taken_s)
     fit = Fit.begun(record, bands.low_passed(record.low_pass), floor, known)
     if record.channel_known or (corners is _WIDE_CORNERS and _is_open(fit)):
         return fit
@@ -126,14 +126,16 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
         return fit.likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
 
     loads = (False, True) if record.load != 0.0 else (False,)
+    clocks = (False,) if bands.clock is None else (False, True)
     step, none = float(corners[1] / corners[0]), value(None)
 
     def nearest(kinds: Iterable[tuple[int, bool, bool]]) -> list[LowPass]:
         """Return the likeliest low-pass of each kind, to half a step between corners."""
         tried = [
-            LowPass(c, order, causal, load, analog)
+            LowPass(c, order, causal, load, analog, over_time=timed)
             for order, causal, analog in kinds
             for load in loads
+            for timed in clocks
             for c in corners
         ]
         return [
@@ -154,9 +156,9 @@ def _channel(record: Record, bands: Bands, floor: float, corners: FloatArray) ->
 
 def _unlike(ranked: Sequence[LowPass]) -> list[LowPass]:
     """Return the first low-pass of each kind."""
-    found: dict[tuple[int, bool, bool, bool], LowPass] = {}
+    found: dict[LowPass, LowPass] = {}
     for one in ranked:
-        found.setdefault((one.order, one.causal, one.load, one.analog), one)
+        found.setdefault(replace(one, corner=1.0), one)
     return list(found.values())
 
 

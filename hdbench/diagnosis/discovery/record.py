@@ -56,6 +56,8 @@ _PASSED = 0.5
 _MOST_OF_ANGLE = 0.99
 # memory of what is kept of a record, bytes: a search asks for most of it again
 _KEPT = 1e8
+# steps that scatter by less than this share of a period are even
+_EVEN = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,9 @@ class Record:
         Whether `low_pass` was found already.
     clock_jitter : float
         Scatter of the time between samples that the shaft tells; 0 where the stamps are used.
+    taken_s : ndarray or None
+        When the samples were taken by what the shaft tells, s, with pauses cut short; None where
+        they are even.
     velocity_late_s : float
         Time by which the velocity was behind the angle before it was put in step, s.
     late_s : float
@@ -121,6 +126,7 @@ class Record:
     load: float
     motion_passed: float = 1.0
     clock_jitter: float = 0.0
+    taken_s: FloatArray | None = None
     velocity_late_s: float = 0.0
     low_pass: LowPass | None = None
     channel_known: bool = False
@@ -267,8 +273,9 @@ def prepare_record(
     # a bridge over what is masked would be faster than the channel
     passed = _passed(motion.velocity_rad_s, torque, read, period)
     motions = [(one, np.zeros(len(torque)), 0.0) for one in motions_of(motion)]
+    clocks = [(motion.time_s, 0.0)]
     if "expected-torque" not in change.without and passed == 1.0:
-        clocks = ((motion.time_s, 0.0), times_by_shaft(motion))
+        clocks.append(times_by_shaft(motion))
         ripple = ripple_of(motion, profile, torque, usable)
         motions = [
             (replace(found, time_s=motion.time_s), answer, jitter)
@@ -307,9 +314,19 @@ def prepare_record(
         load,
         motion_passed=passed,
         clock_jitter=jitter,
+        taken_s=_uneven(clocks[-1][0], period),
         velocity_late_s=velocity_late,
         answer_rad_s2=answer,
     )
+
+
+def _uneven(time_s: FloatArray, period_s: float) -> FloatArray | None:
+    """Return times of samples with pauses cut short; None where they are even."""
+    steps = np.diff(time_s)
+    if float(np.std(steps)) < _EVEN * period_s:
+        return None
+    pause = steps > _PAUSE * len(time_s) * period_s
+    return np.concatenate([[0.0], np.cumsum(np.where(pause, period_s, steps))])
 
 
 def _passed(
@@ -341,7 +358,9 @@ def as_followed(record: Record) -> Record:
     that is so of the motion itself, the inertia is wrong, and the acceleration stays.
     """
     motion, output = record.motion, record.motion.output_angle_rad
-    bands = make_bands(record.valid, record.period_s).low_passed(record.low_pass)
+    bands = make_bands(record.valid, record.period_s, taken_s=record.taken_s).low_passed(
+        record.low_pass
+    )
     expected = expected_torque_nm(motion, motion.inertia_nm_s2)
     speed = motion.velocity_rad_s
     friction = (speed, np.sign(speed))
