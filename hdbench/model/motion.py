@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -173,6 +174,9 @@ class Motion:
         of that angle; None where `simulated_nm` is, or is given without it.
     angle_error_rad : ndarray or None
         Error of `angle_rad`, rad, for causes that follow the true angle; None where none is known.
+    shown_by_angle : callable or None
+        What `acceleration_rad_s2` shows of an error of the angle, rad at every sample; None where
+        it is the second derivative.
     """
 
     time_s: FloatArray
@@ -197,6 +201,7 @@ class Motion:
     load_smooth_nm: FloatArray | None = None
     ripple_slope_nm_per_rad: FloatArray | None = None
     angle_error_rad: FloatArray | None = None
+    shown_by_angle: Callable[[FloatArray], FloatArray] | None = None
 
     @property
     def applied_nm(self) -> FloatArray:

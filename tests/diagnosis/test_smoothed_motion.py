@@ -141,6 +141,49 @@ def test_a_speed_that_answers_to_the_torque_tells_what_counting_hides():
     assert (missed + answer)[500:-500].std() < 0.2 * acceleration.std()
 
 
+def angle_log(error_rad, counts=10_000, n=40_000):
+    """Return a trace by a counted angle with an error; the velocity is made of its differences."""
+    time = 1e-3 * np.arange(n)
+    angle = 80.0 * (time - 2.0 / np.pi * np.sin(0.5 * np.pi * time))
+    acceleration = 40.0 * np.pi * np.sin(0.5 * np.pi * time)
+    count = 2.0 * np.pi / counts
+    counted = np.floor((angle + error_rad * np.cos(angle)) / count) * count
+    torque = 0.3 * np.cos(2.0 * angle) + 1.725e-4 * acceleration
+    torque += 0.01 * np.random.default_rng(7).standard_normal(n)
+    return trace_of(time, np.gradient(counted, time), counted, torque)
+
+
+@pytest.mark.parametrize("source", ["velocity", "angle"])
+def test_an_acceleration_shows_of_an_error_of_the_angle_what_its_cells_keep(source):
+    error = 0.01
+    # steps so fine that both accelerations keep the same cells
+    motions = [motion_from_trace(angle_log(e, 10**8), PROFILE.data) for e in (0.0, error)]
+    none = np.zeros(len(motions[0]))
+    true, wrong = (
+        seen_acceleration(replace(one, acceleration_source=source), none, 1e-3)[0]
+        for one in motions
+    )
+    wave = error * np.cos(motions[0].angle_rad)
+    shown = wrong.shown_by_angle(wave)
+    added = wrong.acceleration_rad_s2 - true.acceleration_rad_s2
+    inside = slice(1000, -1000)
+    assert np.std((added - shown)[inside]) < 1e-3 * np.std(added[inside])
+    if source == "velocity":
+        # differences hold back what is fast: .4 % at 160 rad/s
+        angle = motions[0].angle_rad
+        slope = motions[0].acceleration_rad_s2 * np.sin(angle)
+        whole = -error * (motions[0].velocity_rad_s ** 2 * np.cos(angle) + slope)
+        assert np.std((added - whole)[inside]) > 2e-3 * np.std(added[inside])
+
+
+def test_an_error_of_a_counted_angle_beside_its_own_differences_is_no_other_cause():
+    result = diagnose_trace(angle_log(0.01), PROFILE, materiality=0.0)
+    assert [cause.name for cause in result.causes] == ["transmission-error"]
+    size = result.causes[0].parameters["amplitude_motor_rad"]
+    assert abs(size.value - 0.01) < 4.0 * size.std < 1e-3
+    assert result.unexplained == ()
+
+
 def test_an_error_of_the_angle_is_no_clock_that_jitters():
     n = 20_000
     time = 1e-3 * np.arange(n)

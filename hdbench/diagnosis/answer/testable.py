@@ -120,7 +120,8 @@ def _stretches(motion: Motion, torque: TorqueChannel) -> tuple[Motion, int]:
     starts = np.zeros(len(places), dtype=bool)
     starts[:: len(inside)] = True
     valid = motion.valid[low] & motion.valid[high]
-    return replace(motion, **arrays, valid=valid, starts=starts, bridged=None), len(inside)
+    whole = replace(motion, bridged=None, shown_by_angle=None)
+    return replace(whole, **arrays, valid=valid, starts=starts), len(inside)
 
 
 def _shape(

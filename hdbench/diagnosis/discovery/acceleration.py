@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.bands import Bands, make_bands, mirrored_lines
+from hdbench.diagnosis.discovery.bands import Bands, make_bands, mirrored_lines, shaped
 from hdbench.estimation.delay import delay_of
 from hdbench.model import Motion, baseline_columns
 from hdbench.model.bench import expected_torque_nm
@@ -112,6 +112,92 @@ def motions_of(motion: Motion) -> tuple[Motion, ...]:
     return motion, replace(moved, output_angle_rad=motion.output_angle_rad + output)
 
 
+@dataclass(frozen=True, slots=True)
+class Derivative:
+    """Derivative of a measured motion at even times, in cells of a short-time spectrum.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_samples,)
+        When the samples were taken, s.
+    period_s : float
+        Sampling period, s.
+    degree : int
+        2 for the acceleration by an angle, 1 for that by a velocity.
+    """
+
+    time_s: FloatArray
+    period_s: float
+    degree: int
+
+    @property
+    def ticks_s(self) -> FloatArray:
+        """Even times, s."""
+        count = round((self.time_s[-1] - self.time_s[0]) / self.period_s) + 1
+        return np.asarray(self.time_s[0] + self.period_s * np.arange(count))
+
+    @property
+    def _width(self) -> int:
+        """Samples of a cell, of which three quarters are in the next."""
+        return min(max(_LEAST_CELL, round(_CELL_S / self.period_s)), len(self.ticks_s) // 2)
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """Return the derivative of a channel, which may have lost samples, at the even times."""
+        from scipy.interpolate import Akima1DInterpolator
+
+        known = np.isfinite(values)
+        at = Akima1DInterpolator(
+            self.time_s[known], values[known], method="makima", extrapolate=True
+        )
+        return _derivative(at(self.ticks_s), self.period_s, self.degree)
+
+    def cells(self, values: FloatArray) -> tuple[FloatArray, NDArray[np.complex128]]:
+        """Return the frequencies of the cells, Hz, and what they hold of values at even times."""
+        from scipy.signal import stft
+
+        # cells at the ends are cut: they lie outside
+        width = self._width
+        padded, rate = np.pad(values, width, mode="edge"), 1.0 / self.period_s
+        hertz, _, cells = stft(padded, rate, nperseg=width, noverlap=3 * width // 4)
+        return hertz, cells
+
+    def of_cells(self, cells: NDArray[np.complex128]) -> FloatArray:
+        """Return what cells hold, at the samples."""
+        from scipy.signal import istft
+
+        width, ticks = self._width, self.ticks_s
+        made = istft(cells, 1.0 / self.period_s, nperseg=width, noverlap=3 * width // 4)[1]
+        return np.asarray(np.interp(self.time_s, ticks, made[width : width + len(ticks)]))
+
+
+@dataclass(frozen=True, slots=True)
+class ShownByAngle:
+    """What the acceleration of a record shows of an error of the angle.
+
+    Parameters
+    ----------
+    derivative : Derivative
+        How the acceleration was made.
+    kept : ndarray of bool
+        Cells that stood out of the noise.
+    gain : tuple of ndarray or None
+        Gain at frequencies relative to Nyquist's that it was given afterwards.
+    """
+
+    derivative: Derivative
+    kept: NDArray[np.bool_]
+    gain: tuple[FloatArray, FloatArray] | None = None
+
+    def __call__(self, error_rad: FloatArray) -> FloatArray:
+        """Return what an error of the angle, rad, adds to the acceleration, rad/s^2."""
+        made, values = self.derivative, error_rad
+        if made.degree == 1:
+            # a velocity by differences has the error of the angle
+            values = np.gradient(values, made.time_s)
+        shown = made.of_cells(np.where(self.kept, made.cells(made.of(values))[1], 0.0))
+        return shown if self.gain is None else shaped(shown[:, None], self.gain)[:, 0]
+
+
 def seen_acceleration(
     motion: Motion, ripple_nm: FloatArray, period_s: float
 ) -> tuple[Motion, FloatArray]:
@@ -120,23 +206,17 @@ def seen_acceleration(
     And how the speed answers to the ripple in the rest, rad/s^2. The motion itself where it is too
     short, or has pauses as long as it is.
     """
-    from scipy.interpolate import Akima1DInterpolator
-
     degree = 2 if motion.acceleration_source == "angle" else 1
-    values, time = motion.angle_rad if degree == 2 else motion.velocity_rad_s, motion.time_s
-    known = np.isfinite(values)
-    count = round((time[-1] - time[0]) / period_s) + 1
-    if known.sum() < 2 * _LEAST_CELL or count > 2 * len(time):
-        return motion, np.zeros(len(time))
-    ticks = time[0] + period_s * np.arange(count)
-    at_ticks = Akima1DInterpolator(time[known], values[known], method="makima", extrapolate=True)
-    made = _derivative(at_ticks(ticks), period_s, degree)
-    ripple = np.interp(ticks, time, ripple_nm)
-    seen, answer = (
-        np.interp(time, ticks, one)
-        for one in _standing_out(made, ripple, period_s, degree, _step_of(values[known]))
-    )
-    return replace(motion, acceleration_rad_s2=seen), answer
+    values = motion.angle_rad if degree == 2 else motion.velocity_rad_s
+    known, made = np.isfinite(values), Derivative(motion.time_s, period_s, degree)
+    if known.sum() < 2 * _LEAST_CELL or len(made.ticks_s) > 2 * len(motion):
+        return motion, np.zeros(len(motion))
+    hertz, cells = made.cells(made.of(values))
+    asked = made.cells(np.interp(made.ticks_s, motion.time_s, ripple_nm))[1]
+    kept, answer = _standing_out(hertz, cells, asked, degree, _step_of(values[known]))
+    seen = made.of_cells(np.where(kept, cells, 0.0))
+    found = replace(motion, acceleration_rad_s2=seen, shown_by_angle=ShownByAngle(made, kept))
+    return found, made.of_cells(answer)
 
 
 def _step_of(values: FloatArray) -> float:
@@ -153,9 +233,13 @@ def _step_of(values: FloatArray) -> float:
 
 
 def _standing_out(
-    fast: FloatArray, ripple_nm: FloatArray, period_s: float, degree: int, step: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return what of a derivative of the measured motion stands out of its channel's noise.
+    hertz: FloatArray,
+    seen: NDArray[np.complex128],
+    asks_nm: NDArray[np.complex128],
+    degree: int,
+    step: float,
+) -> tuple[NDArray[np.bool_], NDArray[np.complex128]]:
+    """Return where a derivative of the measured motion stands out of its channel's noise.
 
     And how it answers to the ripple of the torque in the rest. A cell of the short-time spectrum
     takes part where it stands out of the noise, which is even over the frequencies of what was
@@ -165,14 +249,7 @@ def _standing_out(
     the other cells agree on that, it says the rest.
     """
     from scipy.ndimage import uniform_filter
-    from scipy.signal import istft, stft
 
-    width = min(max(_LEAST_CELL, round(_CELL_S / period_s)), len(fast) // 2)
-    rate, overlap = 1.0 / period_s, 3 * width // 4
-    # cells at the ends are cut: they lie outside
-    fast, ripple_nm = (np.pad(one, width, mode="edge") for one in (fast, ripple_nm))
-    hertz, _, seen = stft(fast, rate, nperseg=width, noverlap=overlap)
-    _, _, asks_nm = stft(ripple_nm, rate, nperseg=width, noverlap=overlap)
     level = np.maximum(hertz, hertz[1])[:, None] ** (2 * degree)
     # the median of the upper octave: lines stand in few cells; that of an exponential is ln 2
     noise = float(np.median((np.abs(seen) ** 2 / level)[hertz > 0.5 * hertz[-1]])) / np.log(2.0)
@@ -180,20 +257,15 @@ def _standing_out(
     # cells, or with the next harmonic beside it, it may have twice that
     counted = 2.0 * 0.5 * (0.5 * step / np.pi * (2.0 * np.pi) ** degree) ** 2
     least = max(_STANDS_OUT * noise, counted)
-    kept = np.where(uniform_filter(np.abs(seen) ** 2 / level, 3) > least, seen, 0.0)
-    asked = np.where(kept == 0.0, asks_nm, 0.0)
+    kept = uniform_filter(np.abs(seen) ** 2 / level, 3) > least
+    asked = np.where(kept, 0.0, asks_nm)
     # the noise grows with the frequency
     both = seen * asked.conj() / level
     octave = np.log2(np.maximum(hertz, hertz[1]))
     beside = np.abs(octave - octave[:, None]) < _ALIKE
     agreed, asks = (beside @ one.sum(axis=1) for one in (both, np.abs(asked) ** 2 / level))
     answers = np.abs(agreed) ** 2 > _AGREE * (beside @ (np.abs(both) ** 2).sum(axis=1))
-    answer = asked * (np.where(answers, agreed, 0.0) / np.maximum(asks, 1e-300))[:, None]
-    alone, told = (
-        istft(lines, rate, nperseg=width, noverlap=overlap)[1] for lines in (kept, answer)
-    )
-    inside = slice(width, len(fast) - width)
-    return alone[inside], told[inside]
+    return kept, asked * (np.where(answers, agreed, 0.0) / np.maximum(asks, 1e-300))[:, None]
 
 
 def _derivative(values: FloatArray, period_s: float, degree: int) -> FloatArray:

@@ -417,7 +417,7 @@ def _thinned(motion: Motion, step: int) -> Motion:
         field.name: value[::step]
         for field in fields(motion)
         if isinstance(value := getattr(motion, field.name), np.ndarray)
-    }
+    } | {"shown_by_angle": None}
     if motion.starts is not None:
         edges = np.arange(0, len(motion), step)
         changes["starts"] = np.logical_or.reduceat(motion.starts, edges)

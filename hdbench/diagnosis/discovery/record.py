@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.acceleration import (
+    ShownByAngle,
     fit_expected,
     in_step,
     likeliest,
@@ -382,12 +383,14 @@ def as_followed(record: Record) -> Record:
     told = (places > SLOW_SHARE) & (bands.passed[bands.edges[:-1]] > _PASSED)
     missing = told & (found.has < _LEAST_POWER * found.asks)
     kept = np.where(np.logical_or.accumulate(missing), 0.0, 1.0)
-    acceleration = motion.acceleration_rad_s2
+    acceleration, shown = motion.acceleration_rad_s2, motion.shown_by_angle
     if kept.min() < 1.0 and float(turns @ kept) > 0.5 * float(turns.sum()):
         acceleration = shaped(acceleration[:, None], (places, kept))[:, 0]
+        if isinstance(shown, ShownByAngle):
+            shown = replace(shown, gain=(places, kept))
     elif record.answer_rad_s2 is not None:
         acceleration = acceleration + record.answer_rad_s2
-    new = replace(motion, acceleration_rad_s2=acceleration)
+    new = replace(motion, acceleration_rad_s2=acceleration, shown_by_angle=shown)
     change = expected_torque_nm(new, motion.inertia_nm_s2) - expected
     return replace(record, motion=new, fixed_nm=record.fixed_nm + change, answer_rad_s2=None)
 

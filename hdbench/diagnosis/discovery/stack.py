@@ -103,6 +103,8 @@ def _stacked_motion(motions: Sequence[Motion]) -> StackedMotion:
         "time_s": np.concatenate(clock),
         "starts": np.concatenate(starts),
         "acceleration_noise_rad_s2": max(noises),
+        # of one record alone
+        "shown_by_angle": None,
     }
     piece = np.repeat(np.arange(len(motions)), [len(motion) for motion in motions])
     times = np.concatenate([motion.time_s for motion in motions])

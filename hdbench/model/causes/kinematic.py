@@ -57,11 +57,15 @@ def _transmission(motion: Motion, _: parts.Shape) -> FloatArray:
     errors = _angle_errors(motion)
     slope = motion.ripple_slope_nm_per_rad
     torque = np.zeros_like(errors) if slope is None else -slope[:, None] * errors
-    if motion.acceleration_source == "angle":
+    inertia, shown = motion.inertia_nm_s2, motion.shown_by_angle
+    if motion.acceleration_source == "angle" and inertia > 0.0:
         # the expected torque is that of the angle with its error; what a load adds is too slow
         for place, k in ((0, 1.0), (2, 1.0 / motion.gear_ratio), (4, 2.0 / motion.gear_ratio)):
-            waves = errors[:, place], errors[:, place + 1]
-            torque[:, place : place + 2] -= _inertial(motion.inertia_nm_s2, k, *waves, motion)
+            own, waves = slice(place, place + 2), (errors[:, place], errors[:, place + 1])
+            if shown is None:
+                torque[:, own] -= _inertial(inertia, k, *waves, motion)
+            else:
+                torque[:, own] -= inertia * np.column_stack([shown(wave) for wave in waves])
     return torque
 
 
