@@ -68,7 +68,7 @@ def test_samples_lost_behind_even_stamps_are_told_from_a_slip_by_the_torque(samp
     assert gap == pytest.approx((samples + 1) * 1e-3)
 
 
-@pytest.mark.parametrize("first", [6560, 6600])
+@pytest.mark.parametrize("first", [6560, 6600, 6640])
 def test_a_jump_beside_a_standstill_may_be_a_loss_or_a_slip(first):
     # the speed comes down to zero at 6.75 s: 20 samples turn by as little as a slip, or 15, or 800
     time = np.arange(10_020) * 1e-3
@@ -83,11 +83,36 @@ def test_a_jump_beside_a_standstill_may_be_a_loss_or_a_slip(first):
     }
     (fault,) = inspected(columns).faults
     assert "missed-samples" in {fault.name, *fault.group}
-    if first == 6560:
+    # the nearer it stands still, the less the torque tells
+    assert ("encoder-slip" in fault.group) == (first == 6600)
+    if first < 6640:
         # of the numbers that turn by as much, one near the least
-        assert 10.0 < value(fault, "samples") < 40.0
+        assert value(fault, "samples") == pytest.approx(20.0, abs=1.0)
     else:
         assert fault.name == "encoder-slip"
+
+
+@pytest.mark.parametrize("ends", [0.029, 0.015])
+def test_a_loss_while_the_speed_changes_is_told_with_how_many_may_be_lost(ends):
+    # some 90 rad/s, and within the 30 ms between two samples down to some 33 rad/s
+    time = np.arange(10_029) * 1e-3
+    speed = np.interp(time, [4.0, 4.0 + ends], [90.0, 33.0]) + 5.0 * np.sin(2.0 * time)
+    angle = np.concatenate([[0.0], np.cumsum(0.5e-3 * (speed[1:] + speed[:-1]))])
+    noise = np.random.default_rng(8).standard_normal((2, len(time)))
+    torque = 0.2 * np.cos(2.0 * angle) + 0.1 * np.cos(4.0 * angle) + 0.05 * noise[0]
+    kept = np.r_[0:4001, 4030:10_029]
+    columns = {
+        "time_s": time[:10_000],
+        "motor_angle_rad": angle[kept],
+        "motor_velocity_rad_s": (speed + 0.05 * noise[1])[kept],
+        "torque_nm": torque[kept],
+    }
+    (fault,) = inspected(columns).faults
+    assert fault.name == "missed-samples"
+    number = fault.parameters["samples"]
+    # neither side shows when the speed changed
+    assert 3.0 < number.std < 15.0
+    assert abs(number.value - 29.0) < 2.0 * number.std
 
 
 @pytest.mark.parametrize("seed", [0, 5, 38])

@@ -184,6 +184,16 @@ def test_an_error_of_a_counted_angle_beside_its_own_differences_is_no_other_caus
     assert result.unexplained == ()
 
 
+def test_an_angle_that_jumps_makes_no_velocity_late():
+    trace, _ = rippling_speed(1.5e-3)
+    kept = np.r_[0:5000, 5029 : len(trace)]
+    columns = {name: values[kept] for name, values in trace.columns.items()}
+    # the stamps hide that samples were lost
+    columns["time_s"] = trace.time_s[: len(kept)]
+    _, late = in_step(motion_from_trace(Trace(columns), PROFILE.data))
+    assert late == 0.0
+
+
 def test_an_error_of_the_angle_is_no_clock_that_jitters():
     n = 20_000
     time = 1e-3 * np.arange(n)

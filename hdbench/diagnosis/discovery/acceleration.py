@@ -28,6 +28,8 @@ _CELL_S, _LEAST_CELL, _STANDS_OUT = 0.2, 32, 5.0
 # the square of a sum of products without a common part is above so many times that of their squares
 # once in a hundred, where three quarters of a cell are in the next
 _AGREE = 9.0
+# an angle jumps where it parts from the velocity by so many times what 99 of 100 samples do
+_JUMPS = 3.0
 # a velocity is late by what is more than a sample by so many standard deviations
 _SURE = 5.0
 # a drive answers alike to frequencies within so many octaves
@@ -83,7 +85,12 @@ def in_step(motion: Motion) -> tuple[Motion, float]:
     time, period_s = motion.time_s, float(np.median(np.diff(motion.time_s)))
     if motion.angle_source == "velocity":
         return motion, 0.0
-    told = delay_of(motion.velocity_rad_s, np.gradient(motion.angle_rad, time), period_s)
+    rate = np.gradient(motion.angle_rad, time)
+    off = np.abs(rate - motion.velocity_rad_s)
+    if np.isfinite(off).any():
+        # an angle that jumps, as where samples were lost, says nothing of a delay
+        rate = np.where(off > _JUMPS * np.nanquantile(off, 0.99), np.nan, rate)
+    told = delay_of(motion.velocity_rad_s, rate, period_s)
     if told is None or abs(told[0]) - _SURE * told[1] < period_s:
         return motion, 0.0
     known = motion.valid

@@ -608,7 +608,10 @@ class Search:
         return False
 
     def _exchanged(self, new: Fit, table: Candidate) -> bool:
-        """Take a fit with a table last if names that it makes needless say less than the table."""
+        """Take a fit with a table last if the names that it makes needless are not likelier.
+
+        The table says more than they do, so they must be likelier by 20 to 1.
+        """
         fit = self.fit
         self._relieved(new, 1)
         stay = [id(part.term) for part in new.parts[:-1]]
@@ -626,7 +629,7 @@ class Search:
             f"{table.name} for {'+'.join(fit.parts[k].name for k in gone)} E={gain:.0f}"
             f" T={table.statistic:.0f}"
         )
-        if gain < 0.0:
+        if gain < -RIVAL_NATS:
             return False
         for part in gone:
             name = fit.parts[part].name

@@ -23,6 +23,9 @@ _SIDE = 14
 _TURNS = 40
 # coefficients of a slow course over these turns: a wave once per output turn is followed
 _COURSE = 5
+# a change of speed anywhere within a loss turns by up to a half of itself times the loss more or
+# less than one in its middle; a standard deviation is half of that
+_WITHIN = 0.25
 # jumps that are judged at most, the largest first
 _MOST = 8
 
@@ -181,21 +184,25 @@ def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool, bool]:
     # the cubic that has speed and acceleration of both sides; half of its bend is not known
     bends = -shaft.period_s * (gone + gained) * number**2 / 12.0
     turned = 0.5 * shaft.period_s * (before + after) * number + bends
-    bends = 0.5 * np.abs(bends)
+    # nor is where within the loss the speed changed by what neither side shows
+    missing = np.abs(after - before - 0.5 * (gained - gone) * number)
+    unsure = 0.5 * np.abs(bends) + _WITHIN * shaft.period_s * np.abs(number) * missing
     away = np.abs(jump.angle_rad - turned)
-    fitting = (away < 4.0 * jump.std_rad + 0.5 * shaft.count_rad + bends) & (
+    fitting = (away < 4.0 * jump.std_rad + 0.5 * shaft.count_rad + unsure) & (
         turned * jump.angle_rad > 0.0
     )
+    # where half may be anything, a number says nothing
+    fitting &= unsure < 0.5 * np.abs(turned)
     best = int(np.argmin(away))
     if fitting.any():
         # beside a standstill very different numbers fit: the fewest are the likeliest
-        least = int(np.abs(number[fitting]).min())
-        best = int(np.argmin(np.where(fitting & (np.abs(number) <= 2 * least), away, np.inf)))
+        fitting &= np.abs(number) <= 2 * int(np.abs(number[fitting]).min())
+        best = int(np.argmin(np.where(fitting, away, np.inf)))
     samples = int(number[best])
     if not turned[best] * jump.angle_rad > 0.0:
         return 0, 0.0, False, False
     one = abs(float(turned[best]) / samples)
-    std = min(float(bends[best] + away[best]) / one, float(abs(samples)))
+    std = min(float(unsure[best] + away[best]) / one, float(abs(samples)))
     allowed = max(1.0, 0.1 * (abs(samples) - 1))
     alone = bool(np.all(np.abs(number[fitting] - samples) <= 2.0 * allowed))
     return samples, std, bool(fitting[best]), bool(fitting[best] and alone and std < allowed)
