@@ -92,6 +92,24 @@ def test_a_jump_beside_a_standstill_may_be_a_loss_or_a_slip(first):
         assert fault.name == "encoder-slip"
 
 
+def test_a_loss_is_found_where_the_velocity_is_made_of_the_angle():
+    time = np.arange(10_012) * 1e-3
+    _, angle, torque = swing(time)
+    kept = np.r_[0:4000, 4012:10_012]
+    counted = np.floor(angle[kept] / COUNT) * COUNT
+    columns = {
+        "time_s": time[:10_000],
+        "motor_angle_rad": counted,
+        "motor_velocity_rad_s": np.gradient(counted, time[:10_000]),
+        "torque_nm": torque[kept] + 0.05 * np.random.default_rng(8).standard_normal(10_000),
+    }
+    found = inspected(columns)
+    (fault,) = found.faults
+    assert fault.name == "missed-samples"
+    assert value(fault, "samples") == 12
+    assert np.diff(found.trace.time_s)[3999] == pytest.approx(0.013)
+
+
 @pytest.mark.parametrize("ends", [0.029, 0.015])
 def test_a_loss_while_the_speed_changes_is_told_with_how_many_may_be_lost(ends):
     # some 90 rad/s, and within the 30 ms between two samples down to some 33 rad/s

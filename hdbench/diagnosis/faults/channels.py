@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 from hdbench.diagnosis.faults.converter import CHANCE, clipping, stuck_samples
 from hdbench.diagnosis.faults.fault import Fault, Inspected, flag_runs, flag_samples
 from hdbench.diagnosis.faults.jumps import find_jumps
-from hdbench.diagnosis.faults.scatter import find_outliers, smallest_step
+from hdbench.diagnosis.faults.scatter import bridged, find_outliers, smallest_step
 from hdbench.diagnosis.faults.shaft import (
     ANGLES,
     VELOCITIES,
@@ -35,6 +35,9 @@ from hdbench.model.motion import TORQUES, torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import StretchFlag
+
+# samples on each side whose median a velocity has that does not jump
+_STEADY = 7
 
 
 def inspect_channels(
@@ -112,6 +115,10 @@ def _moving(
     # ripple of the tacho hides small jumps, and a jump turns the ripple's phase
     faults = find_tacho_ripple(shaft) if independent else ()
     smooth = without_faults(trace, profile, [(one.name, one.shape) for one in faults])
+    if pair is not None and pair[0] in VELOCITIES:
+        # a velocity that was made of the angle jumps with it
+        steady = median_filter(bridged(smooth[pair[0]]), 2 * _STEADY + 1)
+        smooth = smooth.with_columns(**{pair[0]: steady})
     load = trace.columns.get("load_torque_nm", np.zeros(len(trace)))
     rest = torque_nm - np.nan_to_num(expected_nm(trace, profile, shaft.velocity_rad_s) + load)
     even, orders = shaft_of(smooth, profile) or shaft, baseline_orders(profile)
