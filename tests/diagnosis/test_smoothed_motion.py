@@ -49,6 +49,12 @@ def test_a_smoothed_velocity_brings_no_name_but_friction(cutoff_hz):
     assert {cause.name for cause in found.causes} == {"coulomb-friction", "viscous-friction"}
 
 
+def test_where_a_smoothed_velocity_parts_from_the_angle_nothing_slips():
+    # seven ramps end faster than a zero-phase filter at 25 Hz follows
+    ready = make_ready(make_task(PROFILE, None, (), 0.01, 0.01, 0, ()), reversing_log(25.0))
+    assert ready.inspected.faults == ()
+
+
 def test_a_velocity_with_noise_to_the_end_limits_nothing():
     task = make_task(PROFILE, None, (), 0.01, 0.01, 0, ())
     assert make_ready(task, reversing_log(None, n=6000)).record.motion_passed == 1.0
@@ -141,7 +147,7 @@ def test_a_speed_that_answers_to_the_torque_tells_what_counting_hides():
     assert (missed + answer)[500:-500].std() < 0.2 * acceleration.std()
 
 
-def angle_log(error_rad, counts=10_000, n=40_000):
+def angle_log(error_rad, counts=10_000, n=20_000):
     """Return a trace by a counted angle with an error; the velocity is made of its differences."""
     time = 1e-3 * np.arange(n)
     angle = 80.0 * (time - 2.0 / np.pi * np.sin(0.5 * np.pi * time))
@@ -238,16 +244,16 @@ def test_a_clock_that_jitters_beneath_even_stamps_is_told_by_the_shaft(jitter):
         np.testing.assert_array_equal(record.taken_s, times)
 
 
-@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize("stamped", [pytest.param(True, marks=pytest.mark.campaign), False])
 def test_a_filter_of_the_torque_runs_over_the_time_of_uneven_samples(stamped):
     # ripple up to 100 Hz behind a filter at 10 kHz with its corner at 48 Hz
-    fine = 1e-4 * np.arange(160_000)
+    fine = 1e-4 * np.arange(80_000)
     angle = 80.0 * (fine - 2.0 / np.pi * np.sin(0.5 * np.pi * fine))
     ripple = 0.3 * np.cos(2.0 * angle) + 0.4 * np.cos(4.0 * angle + 1.0)
     acceleration = 40.0 * np.pi * np.sin(0.5 * np.pi * fine)
     passed = sosfiltfilt(butter(2, 48.0, fs=1e4, output="sos"), ripple + 1.725e-4 * acceleration)
     rng = np.random.default_rng(9)
-    taken = np.cumsum(1e-3 * np.exp(0.25 * rng.standard_normal(15_500)))
+    taken = np.cumsum(1e-3 * np.exp(0.25 * rng.standard_normal(7_900)))
     taken = taken[taken < fine[-1]]
     speed = 80.0 * (1.0 - np.cos(0.5 * np.pi * taken))
     torque = np.interp(taken, fine, passed) + 0.01 * rng.standard_normal(len(taken))

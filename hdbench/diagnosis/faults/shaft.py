@@ -39,6 +39,10 @@ _STILL, _STILL_SHARE = 20, 5e-3
 _HOLDS = 0.1
 # what stands out of the noise by this much is left out of a fit
 _TRIM = 5.0
+# share of what is fast in a velocity that scatters from sample to sample where it is noise: .21
+# behind a filter of second order with its corner at a fifth of the Nyquist frequency, and .15 where
+# it is much lower
+_SCATTERS = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,11 +205,17 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
 
 
 def has_own_noise(shaft: Shaft) -> bool:
-    """Return whether the velocity shows noise above its rounding: a sensor of its own."""
+    """Return whether the velocity shows noise above its rounding: a sensor of its own.
+
+    One that was smoothed bends, but does not scatter from sample to sample: where the motion
+    changes, it parts from the angle for longer than a jump is looked at.
+    """
     velocity = bridged(shaft.velocity_rad_s)
     fast = robust_std(velocity - uniform_filter1d(velocity, FAST))
+    # of white noise the fourth difference has 1 + 16 + 36 + 16 + 1 times the variance
+    scatter = robust_std(np.diff(velocity, 4)) / float(np.sqrt(70.0))
     rounding = smallest_step(shaft.velocity_rad_s) / float(np.sqrt(12.0))
-    return fast > 2.0 * rounding
+    return fast > 2.0 * rounding and scatter > _SCATTERS * fast
 
 
 def derivation(shaft: Shaft) -> tuple[str, str] | None:
