@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -174,24 +174,32 @@ def _bridged(values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
     return known, np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Clock:
     """When uneven samples were taken: a channel that filters over time does not filter over them.
 
     Parameters
     ----------
-    to_even, from_even : sparse matrix
-        What makes signals at even times of signals at the samples, and the reverse.
+    ticks : ndarray, shape (n_samples,)
+        Times of the samples from the first one on, in periods.
     """
 
-    to_even: Any
-    from_even: Any
+    ticks: FloatArray
 
-    @classmethod
-    def of(cls, ticks: FloatArray) -> Clock:
-        """Return the clock of samples that were taken at `ticks`, in periods, none before 0."""
-        even = np.arange(int(np.ceil(ticks[-1])) + 1.0)
-        return cls(_between(ticks, even), _between(even, ticks))
+    @property
+    def _even(self) -> FloatArray:
+        return np.arange(int(np.ceil(self.ticks[-1])) + 1.0)
+
+    # most records have no filter over time: what they do not need is not made
+    @cached_property
+    def to_even(self) -> Any:
+        """Sparse matrix that makes signals at even times of signals at the samples."""
+        return _between(self.ticks, self._even)
+
+    @cached_property
+    def from_even(self) -> Any:
+        """Sparse matrix that makes signals at the samples of signals at even times."""
+        return _between(self._even, self.ticks)
 
 
 def _between(times: FloatArray, at: FloatArray) -> Any:
@@ -448,6 +456,6 @@ def make_bands(
     counts = np.diff(edges) * float(np.sum(fade[valid] ** 2)) / size
     frequency = np.sqrt(np.maximum(edges[:-1], 0.5) * edges[1:]) / (2.0 * size * period_s)
     passed = np.ones(int(edges[-1]))
-    clock = None if taken_s is None else Clock.of((taken_s - taken_s[0]) / period_s)
+    clock = None if taken_s is None else Clock((taken_s - taken_s[0]) / period_s)
     held = (edges, counts, frequency, fade, size, passed, lost, before, after, weight)
     return Bands(*held, clock=clock)

@@ -94,8 +94,8 @@ class Record:
     clock_jitter : float
         Scatter of the time between samples that the shaft tells; 0 where the stamps are used.
     taken_s : ndarray or None
-        When the samples were taken by what the shaft tells, s, with pauses cut short; None where
-        they are even.
+        When the samples were taken, s, by the shaft where it tells and else by the stamps, with
+        pauses cut short; None where they are even.
     velocity_late_s : float
         Time by which the velocity was behind the angle before it was put in step, s.
     late_s : float

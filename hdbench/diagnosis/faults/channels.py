@@ -36,7 +36,8 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import StretchFlag
 
-# samples on each side whose median a velocity has that does not jump
+# samples on each side whose median a velocity has that does not jump: differences of up to so many
+# samples have taken the jump in
 _STEADY = 7
 
 
