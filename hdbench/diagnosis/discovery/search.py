@@ -9,7 +9,7 @@ import numpy as np
 
 from hdbench.diagnosis.discovery.channel import DELAY, LOW_PASS_PRICE, best_delay, start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, make_dictionary
-from hdbench.diagnosis.discovery.fit import Beside, Fit, Part
+from hdbench.diagnosis.discovery.fit import Beside, Fit
 from hdbench.diagnosis.discovery.form import (
     STRONG,
     FormMove,
@@ -78,8 +78,6 @@ _LAWS_FIRST = 2.0
 # rounds in which the noise without a candidate is fitted: a candidate must not gain by what its
 # noise alone would have gained
 _BASE_ROUNDS = 6
-# a line is so many cells wide and wanders by this share of its order: what stands there is its form
-_BESIDE_CELLS, _BESIDE_SHARE = 3.0, 0.004
 # a gain that the noise, fitted again, cannot give by chance: only then may it speak for a candidate
 # that the present noise hides
 _PLAIN_NATS = 20.0
@@ -155,8 +153,7 @@ class Search:
 
     def _places(self) -> list[tuple[str, Look]]:
         """Return lines and the best step."""
-        lines = scan_looks(self.fit, self.scans, self.causes)
-        found = [("line", look) for look in lines if not self._beside_line(look)]
+        found = [("line", look) for look in scan_looks(self.fit, self.scans, self.causes)]
         if "zero-step" in self.causes:
             step = step_look(self.fit, self.causes["zero-step"])
             if step is not None:
@@ -174,24 +171,6 @@ class Search:
                 best.setdefault(look.term.name, look)
         return [("table", look) for look in list(best.values())[:_TABLES]]
 
-    def _beside_line(self, look: Look) -> bool:
-        """Return whether a line stands within the width of one that is explained already.
-
-        A whole order is a line of its own.
-        """
-        for key, value in look.term.shape.items():
-            scan = next((s for s in self.scans if _key(s) == key), None)
-            if scan is None:
-                continue
-            width = max(_BESIDE_CELLS * scan.cell, _BESIDE_SHARE * value)
-            for part in self.fit.parts:
-                other = _place_of(part, key)
-                if other is None or (key == "order" and value % 1.0 == 0.0 and value != other):
-                    continue
-                if abs(other - value) < width:
-                    return True
-        return False
-
     def round(self) -> tuple[Candidate, ...]:
         """Return the best candidate, or pair, that passes the false-alarm rate; empty for none."""
         fit = self.fit
@@ -201,11 +180,10 @@ class Search:
         beside = fit.beside()
         base = settled(beside, fit)
         tried = self._weighed(passing, beside, base)
-        plain = self._in_plain_noise(views[-1], looks[-1], beside, base) if len(views) > 1 else []
         for view, some in zip(views, looks, strict=True):
             if passing or any(0.5 * x.statistic > _PLAIN_NATS for x in some):
                 tried += self._pairs(view, beside, base, some)
-        accepted = self._accepted(tried, plain)
+        accepted = self._accepted(tried)
         self.most_nats = max((_plain(e) for e in accepted), default=0.0)
         return max(accepted, key=_turn, default=())
 
@@ -216,9 +194,7 @@ class Search:
             beside = self.fit.beside()
             looks = self._passing(self._table_looks())
             base = settled(beside, self.fit)
-            found = max(
-                self._accepted(self._weighed(looks, beside, base), []), key=_turn, default=()
-            )
+            found = max(self._accepted(self._weighed(looks, beside, base)), key=_turn, default=())
             if not found:
                 break
             before, without = self.fit.bands.power(self.fit.residual).sum(), self.fit.copy()
@@ -250,13 +226,10 @@ class Search:
             out.append((_light(weighed(beside, self.fit.record, shaped, self.fit.shapes, base)),))
         return out
 
-    def _accepted(
-        self, tried: list[tuple[Candidate, ...]], plain: list[tuple[Candidate, ...]]
-    ) -> list[tuple[Candidate, ...]]:
+    def _accepted(self, tried: list[tuple[Candidate, ...]]) -> list[tuple[Candidate, ...]]:
         """Return the entries that pass, fitted with their form errors where they are strong."""
         passed: list[tuple[Candidate, ...]] = []
-        tried, plain = self._different(tried), self._different(plain)
-        for entry in map(self._judged, self._joined(tried, plain)):
+        for entry in map(self._judged, self._joined(self._different(tried))):
             if entry[0].false_alarm < self.alpha and _nats(entry) > needed_nats(entry[0].term):
                 # of the fits only that of the best entry is kept: each is as large as the record
                 best = max((*passed, entry), key=_turn)
@@ -274,38 +247,21 @@ class Search:
                 best.setdefault((*sorted(c.name for c in entry), *place), entry)
         return list(best.values())
 
-    def _in_plain_noise(
-        self, view: Fit, looks: list[Look], beside: Beside, base: float
-    ) -> list[tuple[Candidate, ...]]:
-        """Return the names that explain most in a plain noise, at their shapes there."""
-        record, fit, even = self.fit.record, self.fit, view.beside()
-        out: list[tuple[Candidate, ...]] = []
-        for look in looks[:_JOINED]:
-            if 0.5 * look.statistic < _PLAIN_NATS:
-                break
-            shaped = refined(even, record, candidate_of(even, record, look.term, look.trials, 1.0))
-            here = candidate_of(beside, record, shaped.term, look.trials, 1.0)
-            out.append((_light(weighed(beside, record, here, fit.shapes, base)),))
-        return out
-
-    def _joined(
-        self, tried: list[tuple[Candidate, ...]], plain: list[tuple[Candidate, ...]]
-    ) -> Iterator[tuple[Candidate, ...]]:
-        """Yield entries, the strong ones with the evidence that they have with their form errors.
-
-        Fitted so are the likeliest ones, and those that explain most in a plain noise.
-        """
-        ranked = sorted(tried, key=_plain, reverse=True)
-        likely = [e for e in ranked[:_JOINED] if e[0].gain_nats * e[0].loud > 0.5 * STRONG]
-        chosen = {id(e): e for e in (*likely, *plain)}
-        yield from (e for e in ranked if id(e) not in chosen)
+    def _joined(self, ranked: list[tuple[Candidate, ...]]) -> Iterator[tuple[Candidate, ...]]:
+        """Yield entries, the likeliest strong ones with the evidence that form errors give them."""
+        chosen = []
+        for place, entry in enumerate(ranked):
+            if place < _JOINED and entry[0].gain_nats * entry[0].loud > 0.5 * STRONG:
+                chosen.append(entry)
+            else:
+                yield entry
         if not chosen:
             return
         base = max(
             settled(self.fit.beside(), self.fit) - form_cost(self.fit),
             value_of(joined(self.fit, ())),
         )
-        for entry in chosen.values():
+        for entry in chosen:
             new, terms = best_joined(self.fit, tuple(c.term for c in entry), hidden=True)
             if not all_possible(new, len(terms)):
                 continue
@@ -522,9 +478,8 @@ class Search:
         """
         fit = self.fit
         while len(fit.causes()) > most:
-            impossible = impossible_parts(fit)
-            gone = [part for part in fit.causes() if part in impossible or self._merged(part)]
-            worst, spare = (gone[-1], -np.inf) if gone else (None, 0.0)
+            gone = impossible_parts(fit)
+            worst, spare = (max(gone), -np.inf) if gone else (None, 0.0)
             for part in () if gone else fit.causes():
                 needed = needed_nats(fit.term(part)) if least is None else least
                 value = self.evidence_of(part) - needed
@@ -548,17 +503,6 @@ class Search:
         without = fit.without(part)
         lost = value_of(fit) - value_of(best_formed(without, len(without.parts)))
         return lost / loudness_of(fit, [part]) - fit.parts[part].cost_nats
-
-    def _merged(self, part: int) -> bool:
-        """Return whether a line has moved into the cell of a larger one, whose form it is now."""
-        fit = self.fit
-        for scan in self.scans:
-            place = fit.term(part).shape.get(_key(scan), np.inf)
-            for other in fit.causes():
-                beside = abs(fit.term(other).shape.get(_key(scan), -np.inf) - place)
-                if other != part and beside < scan.cell:
-                    return fit.size_nm(part) <= fit.size_nm(other)
-        return False
 
     def drop_needless(self) -> bool:
         """Drop causes that others at shapes of their own can stand for; return whether any went.
@@ -741,14 +685,6 @@ def needed_nats(term: Term) -> float:
     return RIVAL_NATS + (0.0 if placed else SECOND_PRICE)
 
 
-def _place_of(part: Part, key: str) -> float | None:
-    """Return the order or frequency of a line of the fit, None for any other part."""
-    kind, _, order = part.name.partition(":")
-    if key == "order" and kind == "ripple" and part.term is None:
-        return float(order)
-    return None if part.term is None else part.term.shape.get(key)
-
-
 def settled(beside: Beside, fit: Fit) -> float:
     """Return the log likelihood without a candidate, its noise settled further than with one."""
     return solve_best(beside.moments, fit.shapes, fit.spectrum, rounds=_BASE_ROUNDS).likelihood
@@ -829,10 +765,6 @@ def _quick(look: Look) -> float:
         - float(np.log(max(look.trials, 1.0)))
         - (RIVAL_NATS if is_table(look.term.cause) else 0.0)
     )
-
-
-def _key(scan: Scan) -> str:
-    return {"motor-order": "order", "frequency": "frequency_hz"}.get(scan.domain, "output_order")
 
 
 def _short(term: Term) -> str:

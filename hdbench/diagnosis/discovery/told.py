@@ -26,7 +26,7 @@ from hdbench.diagnosis.discovery.search import (
 )
 from hdbench.diagnosis.discovery.spectrum import Shapes
 from hdbench.diagnosis.discovery.spectrum import Spectrum as Noise
-from hdbench.diagnosis.discovery.tables import axes_of, is_table
+from hdbench.diagnosis.discovery.tables import TABLE, axes_of, is_table
 from hdbench.diagnosis.discovery.term import (
     resolution,
     smooth_shapes,
@@ -54,6 +54,8 @@ DOMAINS = {
     "load": "torque",
     "time": "time",
 }
+# axes of lines without a name
+_LINES = {"tone": "frequency", "output-line": "output-order"}
 # an effect is found with 90 % where its size is so many standard deviations above the threshold
 _POWER = 1.28
 # cells of a spectrum that a picture can show
@@ -444,68 +446,40 @@ def covariances(fit: Fit) -> dict[int, FloatArray]:
             # a law that is off by a share in its form is no better known in size
             error = USUAL * fit.linear(index)
             own[: len(error), : len(error)] += np.outer(error, error)
-        found[index] = _whole_shape(part.term, own, len(flat))
+        # a shape without a slope, the time of a step, has no error: it has no row
+        sloped = len(smooth_shapes(part.term)) == len(part.term.cause.shape)
+        found[index] = own if sloped else own[: len(flat), : len(flat)]
     return found
-
-
-def _whole_shape(term: object, matrix: FloatArray, n_linear: int) -> FloatArray:
-    """Return a covariance with a row for every shape: one without a slope is not known."""
-    shape = [p.name for p in term.cause.shape]  # type: ignore[attr-defined]
-    smooth = smooth_shapes(term)  # type: ignore[arg-type]
-    if len(smooth) == len(shape):
-        return matrix
-    return matrix[:n_linear, :n_linear]
 
 
 def place_of(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
     """Return a table or a line without a name as a place."""
-    term = fit.term(index)
-    if term.shape and "*" not in term.name:
-        (key, value) = next(iter(term.shape.items()))
-        domain = "frequency" if key == "frequency_hz" else "output-order"
-        scan_cell = 1.0 / max(fit.record.span_s, 1e-9) if key == "frequency_hz" else 0.05
-        size = float(np.hypot(*fit.linear(index)))
-        return Unexplained(
-            domain=domain,
-            location=value,
-            extent=(value - 0.5 * scan_cell, value + 0.5 * scan_cell),
-            unit=term.cause.shape[0].unit,
-            size_nm=size,
-            share_of_variance=share,
-            false_alarm_probability=chance,
-        )
-    domains = term.name.partition(":")[2].split("*")
+    term, record = fit.term(index), fit.record
+    torque = (term_columns(term, record) @ fit.linear(index))[record.valid]
+    torque = torque - torque.mean()
+    size = float(np.sqrt(np.mean(torque**2)))
+    first, _, second = term.name.removeprefix(TABLE).partition("*")
     if term.shape:
-        ((key, value),) = term.shape.items()
-        torque = term_columns(term, fit.record) @ fit.linear(index)
-        half = 0.5 * resolution(key, term, fit.record)
-        return Unexplained(
-            domain=domains[0],
-            second_domain=domains[1],
-            location=value,
-            extent=(value - half, value + half),
-            unit="1",
-            size_nm=float(np.sqrt(2.0 * np.mean(torque[fit.record.valid] ** 2))),
-            share_of_variance=share,
-            false_alarm_probability=chance,
-        )
-    axis = next(a for a in axes_of(fit.record) if a.domain == domains[0])
-    torque = term_columns(term, fit.record) @ fit.linear(index)
-    torque = torque - torque[fit.record.valid].mean()
-    values = np.mod(axis.values, axis.period) if axis.period else axis.values
-    valid = fit.record.valid
-    order = np.argsort(values[valid])
-    pieces = np.array_split(order, 24)
-    energy = np.array([float(np.mean(torque[valid][p] ** 2)) if len(p) else 0.0 for p in pieces])
-    place = np.array([float(values[valid][p].mean()) if len(p) else 0.0 for p in pieces])
-    high = np.flatnonzero(energy > 0.5 * energy.max())
-    size = float(np.sqrt(np.mean(torque[valid] ** 2)))
+        ((key, location),) = term.shape.items()
+        half = 0.5 * resolution(key, term, record)
+        extent, unit = (location - half, location + half), term.cause.shape[0].unit
+        # that of a line is its amplitude
+        domain, size = _LINES.get(first, first), float(np.sqrt(2.0)) * size
+    else:
+        axis = next(axis for axis in axes_of(record) if axis.domain == first)
+        domain, unit, values = first, axis.unit, axis.values[record.valid]
+        values = np.mod(values, axis.period) if axis.period else values
+        pieces = [piece for piece in np.array_split(np.argsort(values), 24) if len(piece)]
+        energy = np.array([float(np.mean(torque[piece] ** 2)) for piece in pieces])
+        place = [float(values[piece].mean()) for piece in pieces]
+        high = np.flatnonzero(energy > 0.5 * energy.max())
+        location, extent = place[int(np.argmax(energy))], (place[high[0]], place[high[-1]])
     return Unexplained(
-        domain=axis.domain,
-        second_domain=domains[1] if len(domains) > 1 else None,
-        location=float(place[int(np.argmax(energy))]),
-        extent=(float(place[high[0]]), float(place[high[-1]])),
-        unit=axis.unit,
+        domain=domain,
+        second_domain=second or None,
+        location=location,
+        extent=extent,
+        unit=unit,
         size_nm=size,
         share_of_variance=share,
         false_alarm_probability=chance,
