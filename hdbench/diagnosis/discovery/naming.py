@@ -97,15 +97,13 @@ def _swept(search: Search) -> tuple[dict[int, list[Candidate]], bool, bool]:
         table = tables[part] = _table(search, part)
         own = table[0]
         names = [c for c in table[1:] if not is_table(c.term.cause)]
-        # another name may be as likely and make a further cause needless
-        spare = max((held.cost_nats for held in search.fit.parts if held.term), default=0.0)
         for better in sorted(names, key=lambda c: -c.evidence_nats):
             # a line was found before its harmonics were looked at: the likelier name is its first
             lines = is_line(own.term.cause) and is_line(better.term.cause)
             enough = max(own.evidence_nats + (0.0 if lines else RIVAL_NATS), 0.0)
-            if better.evidence_nats < enough - spare:
+            if better.evidence_nats < enough:
                 break
-            if search.replace_term(part, own, better, better.evidence_nats > enough):
+            if search.replace_term(part, own, better):
                 search.log.append(
                     f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
                     f"{better.evidence_nats:.1f}"

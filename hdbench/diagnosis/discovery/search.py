@@ -265,34 +265,15 @@ class Search:
             new, terms = best_joined(self.fit, tuple(c.term for c in entry), hidden=True)
             if not all_possible(new, len(terms)):
                 continue
-            saved = self._relieved(new, len(terms))
             places = list(range(len(new.parts) - len(terms), len(new.parts)))
             least, loud = entry[0].gain_nats * entry[0].loud, loudness_of(new, places)
-            gain = max(value_of(new) + saved - base, least) / loud
+            gain = max(value_of(new) - base, least) / loud
             cost = entry[0].gain_nats - entry[0].evidence_nats
             better = replace(
                 entry[0], gain_nats=gain, evidence_nats=gain - cost, joined=new, loud=loud
             )
             found = (better, *entry[1:])
             yield tuple(replace(c, term=t) for c, t in zip(found, terms, strict=True))
-
-    def _relieved(self, new: Fit, last: int) -> float:
-        """Take out of a fit the causes that its last ones make needless; return what they cost."""
-        saved = 0.0
-        while True:
-            earlier = [part for part in new.causes() if part < len(new.parts) - last]
-
-            def worth(part: int) -> float:
-                kept = np.flatnonzero(new.active & (new.owner != part))
-                lesser = solve(new.moments(kept), new.shapes, new.spectrum, rounds=1)
-                return new.likelihood - lesser.likelihood - new.parts[part].cost_nats
-
-            least, part = min(((worth(p), p) for p in earlier), default=(0.0, 0))
-            if least >= 0.0:
-                return saved
-            saved += new.parts[part].cost_nats
-            new.remove(part)
-            new.settle(2)
 
     def _judged(self, entry: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
         """Return an entry with the chance of its gain in likelihood where that is smaller."""
@@ -409,21 +390,16 @@ class Search:
             fit.remove(index)
         fit.settle(3)
 
-    def replace_term(self, part: int, own: Candidate, better: Candidate, likelier: bool) -> bool:
-        """Put another name in the place of a cause; return whether the whole fit says so, too.
-
-        One that is not likelier by itself must make further causes needless.
-        """
+    def replace_term(self, part: int, own: Candidate, better: Candidate) -> bool:
+        """Put a likelier name in the place of a cause; return whether the fit says so, too."""
         fit = self.fit
         new = joined(fit.without_view(part), (better.term,))
         new.parts[-1].form_scale = fit.parts[part].form_scale
         attach_forms(new)
         new.settle(2)
         new = best_formed(new, 1)
-        saved = self._relieved(new, 1)
         own_cost, cost = (one.gain_nats - one.evidence_nats for one in (own, better))
-        gain = (value_of(new) - value_of(fit)) / own.loud + saved + own_cost - cost
-        if gain < 0.0 or not (likelier or saved > 0.0):
+        if (value_of(new) - value_of(fit)) / own.loud + own_cost < cost:
             return False
         held = new.parts[-1]
         held.false_alarm, held.trials = fit.parts[part].false_alarm, better.trials
@@ -557,7 +533,7 @@ class Search:
         The table says more than they do, so they must be likelier by 20 to 1.
         """
         fit = self.fit
-        self._relieved(new, 1)
+        relieve(new)
         stay = [id(part.term) for part in new.parts[:-1]]
         gone = [part for part in fit.causes() if id(fit.parts[part].term) not in stay]
         if not gone:
@@ -659,6 +635,22 @@ class Search:
             base = settled(beside, fit)
             found.append(weighed(beside, fit.record, start, fit.shapes, base).evidence_nats)
         return max(found)
+
+
+def relieve(fit: Fit) -> None:
+    """Take out of a fit the causes that its last one makes needless."""
+
+    def worth(part: int) -> float:
+        kept = np.flatnonzero(fit.active & (fit.owner != part))
+        lesser = solve(fit.moments(kept), fit.shapes, fit.spectrum, rounds=1)
+        return fit.likelihood - lesser.likelihood - fit.parts[part].cost_nats
+
+    while True:
+        least, part = min(((worth(p), p) for p in fit.causes()[:-1]), default=(0.0, 0))
+        if least >= 0.0:
+            return
+        fit.remove(part)
+        fit.settle(2)
 
 
 def _light(found: Candidate) -> Candidate:
