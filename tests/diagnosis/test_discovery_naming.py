@@ -26,13 +26,21 @@ from hdbench.diagnosis.discovery.joint import (
     stepped,
     value_of,
 )
+from hdbench.diagnosis.discovery.lines import TONE_LINE
 from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.naming import _is_plain, _named, _same_space
 from hdbench.diagnosis.discovery.record import prepare_record
 from hdbench.diagnosis.discovery.search import Search, _turn, relieve
+from hdbench.diagnosis.discovery.stack import stack_fits, stacked_causes
 from hdbench.diagnosis.discovery.tables import table_causes
 from hdbench.diagnosis.discovery.term import Term, term_columns
-from hdbench.diagnosis.discovery.told import _spoils, distinct, predicting_delay, walk_of
+from hdbench.diagnosis.discovery.told import (
+    _spoils,
+    distinct,
+    place_of,
+    predicting_delay,
+    walk_of,
+)
 from hdbench.model import BenchModel, catalogue
 from hdbench.results.diagnosis import Unexplained
 
@@ -515,6 +523,29 @@ def test_of_places_that_overlap_on_the_same_axes_the_largest_is_told():
         place(0.04, (0.0, 20.0), ("torque", None), "N m"),
     ]
     assert distinct([small, *others, large]) == [large, *others]
+
+
+@pytest.mark.parametrize("records", [1, 2])
+def test_a_line_without_a_name_is_told_with_its_amplitude_and_its_width(records):
+    def tone(time, _angle, _speed):
+        return 0.1 * np.cos(2.0 * np.pi * 13.0 * time + 1.0)
+
+    fits = [fitted(swinging(6000, tone, seed)) for seed in range(records)]
+    fit, cause = fits[0], TONE_LINE
+    if records > 1:
+        # each record has a phase of its own
+        fit = stack_fits(fits)
+        (cause,) = stacked_causes([TONE_LINE], records, referenced=False).values()
+    part = fit.add_term(Term(cause, {"frequency_hz": 13.0}))
+    fit.settle(3)
+    place = place_of(fit, part, 0.5, 1e-9)
+    assert (place.domain, place.second_domain, place.unit) == ("frequency", None, "Hz")
+    # an amplitude beside white noise scatters by this
+    std = NOISE_NM * np.sqrt(2.0 / (6000 * records))
+    assert place.size_nm == pytest.approx(0.1, abs=4.0 * std)
+    low, high = place.extent
+    assert place.location == pytest.approx(0.5 * (low + high))
+    assert high - low == pytest.approx(1.0 / fit.record.span_s)
 
 
 @pytest.mark.parametrize(("name", "builds_up"), [("coulomb", True), ("viscous", False)])
