@@ -274,6 +274,15 @@ def test_a_friction_that_changes_with_the_angle_is_left_unexplained_at_its_order
     assert place.location == pytest.approx(2.0, abs=0.02)
 
 
+def test_a_strong_dry_friction_that_turns_over_slowly_is_no_stribeck_friction():
+    def friction(_time, _angle, speed):
+        return 2.0 / np.pi * np.arctan(speed / 5.0)
+
+    found = diagnose_trace(record(friction, (10.0, 80.0, 5.0), n=12_000, noise_nm=0.02), PROFILE)
+    assert [cause.name for cause in found.causes] == ["coulomb-friction"]
+    assert "stribeck-friction" not in [cause.name for cause in found.minor]
+
+
 def test_a_torque_that_drives_with_the_sign_of_the_speed_is_no_friction():
     trace = reversing(lambda _angle, speed, _load: -0.1 * np.tanh(speed / 0.5), n=10_000)
     found = diagnose_trace(trace, PROFILE)

@@ -38,7 +38,6 @@ _SCALE_PRICE = float(np.log(len(SCALES)))
 STRONG = 60.0
 # directions of which a part of the largest scale shows less than this are left out
 _SEEN = 0.5
-_MOST = 12
 # slow changes of amplitude and phase: half cycles of the record
 _LINE_WAVES, _OTHER_WAVES = 8, 3
 # speed over which a direction of motion changes, relative to the largest
@@ -51,6 +50,9 @@ _LAGS_S = (0.002, 0.006, 0.02)
 _REACHES_RAD = (0.01, 0.1, 1.0)
 # a direction of which less than this share of the power is its own is left out
 _OWN_SHARE = 0.0025
+# an error is nowhere more than so many times the part, per unit of relative size: where a part
+# turns over, the one behind is a pulse
+_STEEPEST = 30.0
 # changes of form errors that are tried without what they could say themselves, and the share of a
 # cause's torque that they must span for that
 _WITHOUT, _SPANNED = 4, 0.3
@@ -88,7 +90,10 @@ def _modulations(record: Record, waves: int) -> FloatArray:
 def _directions(
     record: Record, columns: FloatArray, linear: FloatArray, line: bool, term: Term | None
 ) -> FloatArray:
-    """Return directions of form error of a part, N m per unit of relative size, a row each."""
+    """Return directions of form error of a part, N m per unit of relative size, a row each.
+
+    Those of one kind share its size: how many there are says nothing of how large the error is.
+    """
     torque = columns @ linear
     waves = [torque]
     if line:
@@ -98,47 +103,40 @@ def _directions(
         waves.append(turned)
     count = _LINE_WAVES if line else _OTHER_WAVES
     slow = record.remembered(("modulations", count), lambda: _modulations(record, count))
-    out = [b * wave for b in slow for wave in waves]
-    size = float(np.sqrt(np.mean(torque**2)))
+    kinds = [[b * wave for b in slow for wave in waves]]
     if not line:
-        out += _delayed(record, torque)
-    if term is not None and term.cause.locked_to == "velocity" and not _per_speed(term):
-        # until a way is gone after a reversal, friction is anything up to its size
-        out += [(lagged - torque) / USUAL for lagged in _lagged(record, torque)]
-    if term is not None and not line:
-        for moved in _other_shapes(term, record):
-            other = term_columns(moved, record)
-            power = float(np.sum(other**2))
-            if power > 0.0:
-                other = other @ np.linalg.lstsq(other, torque, rcond=None)[0]
-                out.append((other - torque) / SCALES[-1])
-    out = [np.clip(c, -30.0 * size, 30.0 * size) for c in out if np.any(c)]
-    if out and not line:
-        out = [*_beyond_plain(record, np.stack(out))]
+        kinds.append(_delayed(record, torque))
+        if term is not None:
+            kinds.append(_built_up(record, torque, term))
+            kinds.append(_towards(record, torque, _other_shapes(term, record)))
+        kinds = [_beyond_plain(record, torque, kind) for kind in kinds]
     if term is not None:
-        out += _other_forms(record, torque, term)
-    return np.stack(out) if out else np.zeros((0, len(torque)))
+        kinds.append(_towards(record, torque, _other_forms(term, record)))
+    rows = [row / np.sqrt(len(kind)) for kind in kinds for row in kind]
+    return np.stack(rows) if rows else np.zeros((0, len(torque)))
 
 
-def _per_speed(term: Term) -> bool:
-    """Return whether a torque is in proportion to the speed: at a reversal it is zero anyway."""
-    return term.cause.linear[0].unit == "N m s/rad"
-
-
-def _other_forms(record: Record, torque: FloatArray, term: Term) -> list[FloatArray]:
-    """Return what leads to other forms of a term's torque, of which a fit has only one."""
+def _towards(record: Record, torque: FloatArray, others: list[Term]) -> list[FloatArray]:
+    """Return what leads from a torque to the nearest one of each of some other terms."""
     out = []
-    for cause in catalogue().values():
-        if cause.name == term.name or not same_torque(cause, term.cause):
-            continue
-        if cause.applicable(record.motion) is not None:
-            continue
-        for shape in _typical_shapes(cause, record):
-            columns = term_columns(Term(cause, shape), record)
-            if np.any(columns):
-                other = columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
-                out.append((other - torque) / SCALES[-1])
+    for other in others:
+        columns = term_columns(other, record)
+        if np.any(columns):
+            nearest = columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
+            out.append((nearest - torque) / SCALES[-1])
     return out
+
+
+def _other_forms(term: Term, record: Record) -> list[Term]:
+    """Return other forms of a term's torque, of which a fit has only one."""
+    return [
+        Term(cause, shape)
+        for cause in catalogue().values()
+        if cause.name != term.name
+        and same_torque(cause, term.cause)
+        and cause.applicable(record.motion) is None
+        for shape in _typical_shapes(cause, record)
+    ]
 
 
 def _typical_shapes(cause: Cause, record: Record) -> list[dict[str, float]]:
@@ -153,17 +151,21 @@ def _typical_shapes(cause: Cause, record: Record) -> list[dict[str, float]]:
     ]
 
 
-def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
+def _beyond_plain(
+    record: Record, torque: FloatArray, directions: list[FloatArray]
+) -> list[FloatArray]:
     """Return what directions hold beyond plain laws of motion, time and place.
 
     What has a plain form is a cause of its own, and no error of another one's form.
     """
+    if not directions:
+        return []
     basis = record.remembered("plain laws", lambda: _plain_laws(record))
-    held = np.where(record.motion.valid, directions, 0.0)
+    most = _STEEPEST * float(np.sqrt(np.mean(torque**2)))
+    held = np.where(record.motion.valid, np.clip(np.stack(directions), -most, most), 0.0)
     left = held - (held @ basis.T) @ basis
     before, after = (np.einsum("kn,kn->k", one, one) for one in (held, left))
-    left[after <= _OWN_SHARE * before] = 0.0
-    return np.asarray(left)
+    return [*left[after > _OWN_SHARE * before]]
 
 
 def _plain_laws(record: Record) -> FloatArray:
@@ -200,15 +202,18 @@ def _delayed(record: Record, torque: FloatArray) -> list[FloatArray]:
     return out
 
 
-def _lagged(record: Record, torque: FloatArray) -> list[FloatArray]:
-    """Return a torque that follows over the way moved, as friction does after a reversal."""
+def _built_up(record: Record, torque: FloatArray, term: Term) -> list[FloatArray]:
+    """Return what leads to a dry friction that builds up over the way moved after a reversal.
+
+    Until that way is gone, friction is anything up to its size. A torque in proportion to the speed
+    is zero at a reversal anyway.
+    """
+    if term.cause.locked_to != "velocity" or term.cause.linear[0].unit == "N m s/rad":
+        return []
     way = np.abs(np.diff(record.motion.angle_rad, prepend=record.motion.angle_rad[:1]))
     way = np.where(np.isfinite(way), way, 0.0)
-    out = []
-    for reach in _REACHES_RAD:
-        left = np.exp(-way / reach)
-        out.append(first_order(left, (1.0 - left) * torque))
-    return out
+    lefts = [np.exp(-way / reach) for reach in _REACHES_RAD]
+    return [(first_order(left, (1.0 - left) * torque) - torque) / USUAL for left in lefts]
 
 
 def _other_shapes(term: Term, record: Record) -> list[Term]:
@@ -280,7 +285,7 @@ def _leading(fit: Fit, rows: FloatArray) -> tuple[FloatArray, Products]:
     beside = fit.beside()
     products = beside.products(rows)
     value, vector = np.linalg.eigh(beside.projected(products)[0])
-    seen = vector[:, np.flatnonzero(value * SCALES[-1] ** 2 > _SEEN)[::-1][:_MOST]]
+    seen = vector[:, value * SCALES[-1] ** 2 > _SEEN]
     return seen.T @ rows, products.mixed(seen)
 
 
