@@ -576,6 +576,15 @@ def test_shapes_that_are_looked_at_twice_make_no_larger_form_error(monkeypatch):
     assert np.sum(form_rows(fit, part)[0] ** 2) == pytest.approx(once, rel=1e-3)
 
 
+@pytest.mark.parametrize(("wide", "found"), [(True, True), (False, False)])
+def test_a_shape_far_from_the_likeliest_one_is_found_over_the_whole_domain(wide, found):
+    fit = fitted(swinging(6000, lambda t, a, w: 0.3 * np.tanh(w / 15.0), mean=0.0))
+    attach_forms(fit, idle=True)
+    far = Term(catalogue()["coulomb-friction"], {"transition_rad_s": 0.3})
+    _, (near,) = best_joined(fit, (far,), wide=wide)
+    assert (near.shape["transition_rad_s"] == pytest.approx(15.0, rel=0.1)) is found
+
+
 def test_the_inertia_has_its_form_error_before_any_cause_is_sought():
     fit = fitted(swinging(4000))
     attach_forms(fit)

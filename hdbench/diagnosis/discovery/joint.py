@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import chain
 
 import numpy as np
 
@@ -80,19 +80,22 @@ def joined(fit: Fit, terms: Sequence[Term], *, hidden: bool = False) -> Fit:
 
 
 def best_joined(
-    fit: Fit, terms: tuple[Term, ...], *, hidden: bool = False
+    fit: Fit, terms: tuple[Term, ...], *, hidden: bool = False, wide: bool = False
 ) -> tuple[Fit, tuple[Term, ...]]:
-    """Return a fit with further terms, their form errors and their shapes refined in it."""
+    """Return a fit with further terms, their form errors and their shapes refined in it.
+
+    `wide`: over their whole domains.
+    """
     new = joined(fit, terms, hidden=hidden)
     places = list(range(len(new.parts) - len(terms), len(new.parts)))
     best = best_formed(new, len(terms))
-    best = best_formed(reshaped(best, places), len(terms))
+    best = best_formed(reshaped(best, places, wide=wide), len(terms))
     return best, tuple(best.term(place) for place in places)
 
 
-def reshaped(fit: Fit, parts: Sequence[int]) -> Fit:
+def reshaped(fit: Fit, parts: Sequence[int], *, wide: bool = False) -> Fit:
     """Return a fit with the shapes of some causes refined; the same where none gains."""
-    return _formed_shapes(stepped(fit, parts), parts)
+    return _formed_shapes(stepped(fit, parts), parts, wide)
 
 
 def stepped(fit: Fit, parts: Sequence[int]) -> Fit:
@@ -141,27 +144,33 @@ def _ahead(fit: Fit, parts: Sequence[int]) -> Fit | None:
     return None
 
 
-def _formed_shapes(fit: Fit, parts: Sequence[int]) -> Fit:
+def _formed_shapes(fit: Fit, parts: Sequence[int], wide: bool) -> Fit:
     """Return a fit in which laws have the shapes about which form errors are likeliest.
 
-    A form error moves with the shape, which no slope shows.
+    A form error moves with the shape, which no slope shows; `wide` ones may be anywhere.
     """
     for part in parts:
         if not np.any(fit.form & (fit.owner == part)) or not usual_scale(fit.parts[part]):
             continue
-        bounds = shape_bounds(fit.term(part).cause, fit.record.motion)
-        for name, ratio in product(smooth_shapes(fit.term(part)), _RATIOS):
-            while True:
-                term = fit.term(part)
-                target = term.shape[name] * ratio
-                if not any(low <= target <= high for low, high in bounds.get(name, ())):
-                    break
-                moved = replace(term, shape={**term.shape, name: target})
-                new = _at_shapes(fit, {part: moved})
-                if value_of(new) < value_of(fit) + _STEP_NATS:
-                    break
-                fit = new
+        for name in smooth_shapes(fit.term(part)):
+            if wide:
+                steps = (_along_shape(fit, part, name, ratio) for ratio in _RATIOS[:2])
+                fit = max(chain((fit,), *steps), key=value_of)
+            for ratio in _RATIOS:
+                for new in _along_shape(fit, part, name, ratio):
+                    if value_of(new) < value_of(fit) + _STEP_NATS:
+                        break
+                    fit = new
     return fit
+
+
+def _along_shape(fit: Fit, part: int, name: str, ratio: float) -> Iterator[Fit]:
+    """Yield the fit with one shape of a cause at powers of a ratio of it, to the domain's end."""
+    term, bounds = fit.term(part), shape_bounds(fit.term(part).cause, fit.record.motion)
+    target = term.shape[name] * ratio
+    while any(low <= target <= high for low, high in bounds.get(name, ())):
+        yield _at_shapes(fit, {part: replace(term, shape={**term.shape, name: target})})
+        target *= ratio
 
 
 def _at_shapes(fit: Fit, terms: Mapping[int, Term]) -> Fit:

@@ -159,14 +159,28 @@ def _alike(table: list[Candidate]) -> list[Candidate]:
 def _with_forms(fit: Fit, view: Fit, beside: Beside, table: list[Candidate]) -> list[Candidate]:
     """Return a table with the evidence that the likeliest names have with their form errors.
 
+    Where one of them is nearly as likely as the cause, both are looked at over their whole domains.
+    """
+    ranked = sorted(table[1:], key=lambda c: -c.evidence_nats)
+    out = _formed(fit, view, beside, [table[0], *ranked[:_FITTED]])
+    least = out[0].evidence_nats - RIVAL_NATS
+    near = [c for c in out[1:] if c.evidence_nats > least]
+    far = [c for c in out[1:] if c.evidence_nats <= least]
+    return [*_formed(fit, view, beside, [table[0], *near], wide=True), *far] if near else out
+
+
+def _formed(
+    fit: Fit, view: Fit, beside: Beside, table: list[Candidate], *, wide: bool = False
+) -> list[Candidate]:
+    """Return the names of a table that can be, each fitted with its form error; the cause first.
+
     All are put into a view of the fit that is without the cause. What the fit gains over that for
     the cause itself, as its parts were fitted together, any other name would gain, too.
     """
     base, together = value_of(view), 0.0
-    ranked = sorted(table[1:], key=lambda c: -c.evidence_nats)
     out = []
-    for found in (table[0], *ranked[:_FITTED]):
-        new, (term,) = best_joined(view, (found.term,))
+    for found in table:
+        new, (term,) = best_joined(view, (found.term,), wide=wide)
         own = found is table[0]
         if own:
             together = max(value_of(fit) - value_of(new), 0.0)

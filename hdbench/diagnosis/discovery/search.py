@@ -139,14 +139,21 @@ class Search:
         flat = self.fit.flat_view()
         return [self.fit] if flat is None else [self.fit, flat]
 
-    def looks(self, view: Fit) -> list[Look]:
+    def is_new(self, *causes: Cause) -> bool:
+        """Return whether some causes are forms of no torque that the fit has, nor of each other."""
+        held = [part.term.cause for part in self.fit.parts if part.term is not None]
+        return not any(
+            same_torque(cause, other)
+            for place, cause in enumerate(causes)
+            for other in (*held, *causes[:place])
+        )
+
+    def looks(self, beside: Beside) -> list[Look]:
         """Return the names that explain most of a residual and are worth weighing."""
-        present = [part.term.cause for part in view.parts if part.term is not None]
         found: dict[str, Look] = {}
-        for look in self.names.looks(view.beside()):
-            cause = look.term.cause
-            if cause.name not in found and not any(same_torque(cause, held) for held in present):
-                found[cause.name] = look
+        for look in self.names.looks(beside):
+            if look.term.name not in found and self.is_new(look.term.cause):
+                found[look.term.name] = look
                 if len(found) == _NAMES:
                     break
         return list(found.values())
@@ -173,12 +180,10 @@ class Search:
 
     def round(self) -> tuple[Candidate, ...]:
         """Return the best candidate, or pair, that passes the false-alarm rate; empty for none."""
-        fit = self.fit
-        views = self._views()
+        views = [view.beside() for view in self._views()]
         looks = [self.looks(view) for view in views]
         passing = self._passing([*(("name", x) for x in looks[0]), *self._places()])
-        beside = fit.beside()
-        base = settled(beside, fit)
+        beside, base = views[0], settled(views[0], self.fit)
         tried = self._weighed(passing, beside, base)
         for view, some in zip(views, looks, strict=True):
             if passing or any(0.5 * x.statistic > _PLAIN_NATS for x in some):
@@ -290,20 +295,15 @@ class Search:
         return tuple(replace(c, false_alarm=min(c.false_alarm, chance)) for c in entry)
 
     def _pairs(
-        self, view: Fit, beside: Beside, base: float, looks: list[Look]
+        self, view: Beside, beside: Beside, base: float, looks: list[Look]
     ) -> list[tuple[Candidate, ...]]:
-        """Return the most promising pairs of names, weighed together."""
-        fit = self.fit
-        present = [part.term.cause for part in fit.parts if part.term is not None]
-
-        def is_new(pair: tuple[Look, Look]) -> bool:
-            one, other = (look.term.cause for look in pair)
-            return not same_torque(one, other) and not any(
-                same_torque(new, held) for new in (one, other) for held in present
-            )
-
-        likely = [pair for pair in self.names.pairs(view.beside(), looks) if is_new(pair)]
-        both_weighed = (pair_of(beside, fit, pair, base) for pair in likely[: 2 * _PAIRS])
+        """Return the most promising pairs of names in a view, weighed together beside the fit."""
+        likely = [
+            (one, other)
+            for one, other in self.names.pairs(view, looks)
+            if self.is_new(one.term.cause, other.term.cause)
+        ]
+        both_weighed = (pair_of(beside, self.fit, pair, base) for pair in likely[: 2 * _PAIRS])
         return [both for both in both_weighed if both[0].gain_nats > _PLAIN_NATS][:_PAIRS]
 
     def accept_slow(self, evidence: float) -> bool:
