@@ -1,5 +1,6 @@
-"""A DAQ without a wire, on a clock that goes when told."""
+"""A DAQ without a wire, and a wire without a device, on a clock that goes when told."""
 
+import struct
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from changing import with_keys
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import Capabilities, InputInfo, ScanBlock, WatchdogInfo, WatchdogState
 from hdbench.devices.feasibility import HostSettings
+from hdbench.devices.wire.link import ExceptionReply, FrameError
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import OutputChannel
@@ -52,6 +54,37 @@ class Clock:
 
     def sleep(self, seconds: float) -> None:
         self.now_s += max(0.0, seconds)
+
+
+class ScriptedLine(Clock):
+    """A wire and its clock: `script` says what becomes of each request, then it is silent."""
+
+    where = "tcp://nobody:502"
+    opened = None
+
+    def __init__(self, *script, takes_s=0.001):
+        super().__init__()
+        self.script = list(script)
+        self.takes_s = takes_s
+        self.sent_s = []
+        self.untils_s = []
+
+    def transact(self, pdu, check, until_s):
+        self.sent_s.append(self.now_s)
+        self.untils_s.append(until_s)
+        act = self.script.pop(0) if self.script else "silent"
+        if act == "silent" or self.now_s + self.takes_s >= until_s:
+            self.now_s = max(self.now_s, until_s)
+            raise FrameError("no valid reply in time")
+        self.now_s += self.takes_s
+        if isinstance(act, int):
+            raise ExceptionReply(act)
+        if act == "broken":
+            raise FrameError("the checksum of the reply is wrong")
+        return bytes((pdu[0], 2)) + struct.pack(">H", 4242)
+
+    def close(self):
+        pass
 
 
 def _noting(name):

@@ -1,5 +1,6 @@
 """A tiny bench, a node served in a thread, and a Modbus server that misbehaves on order."""
 
+import itertools
 import socket
 import struct
 import subprocess
@@ -7,18 +8,21 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from changing import with_keys
 from daqkit import Clock
 from faults.lines import emulated
 from forked import forked
+from served import read_samples
 
 from hdbench.devices import AcquisitionSettings, open_bench
-from hdbench.devices.emulator.node import build_core
+from hdbench.devices.emulator.node import NodeCore, build_core
+from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.feasibility import host_settings
 from hdbench.devices.host.bench import HostedBench
 from hdbench.devices.node.access import NodeAccess, node_probe
@@ -39,11 +43,13 @@ PATIENT = with_keys(PROFILE, daq={"deadline_s": 1.5, "watchdog_s": 2.0})
 VELOCITY_PER_VOLT = PROFILE.servo.velocity_gain_rad_s_per_v
 
 
+realtime_emulator = partial(running_emulator, plant="as-modelled", seed=0, pace="realtime")
+
+
 class TinyBench:
     """Counts up in every channel; the motor follows its reference with a lag of 20 ms."""
 
     def __init__(self) -> None:
-        self.fixture: dict[str, object] = {}
         self.begun: list[object] = []
         self.reference_v = 0.0
         self.velocity_rad_s = 0.0
@@ -71,9 +77,6 @@ class TinyBench:
         self._count += n_samples
         return RawSamples(*codes_of(index))
 
-    def set_fixture(self, **values: object) -> None:
-        self.fixture = values
-
 
 def codes_of(index: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return what TinyBench samples at `index`: torque, tacho, current, reference, encoder."""
@@ -81,35 +84,25 @@ def codes_of(index: np.ndarray) -> tuple[np.ndarray, ...]:
     return code, -code, (code // 3).astype(np.int16), (code // 7).astype(np.int16), index * -70_001
 
 
-@dataclass
-class ServedNode:
+class ServedNode(NamedTuple):
     """A node in a thread of this process."""
 
-    core: object
+    core: NodeCore
     host: str
     port: int
-    events: list[dict[str, object]] = field(default_factory=list)
 
 
 @contextmanager
 def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[ServedNode]:
     """Serve a node around `bench` on a free port."""
-    events: list[dict[str, object]] = []
-    core = build_core(
-        bench or TinyBench(), PROFILE, 0, pace=pace, record=lambda e: events.append(dict(e))
-    )
+    core = build_core(bench or TinyBench(), PROFILE, 0, pace=pace)
     with emulated(core) as address:
         host, _, port = address.removeprefix("tcp://").rpartition(":")
-        yield ServedNode(core, host, int(port), events)
+        yield ServedNode(core, host, int(port))
 
 
 def driver(
-    host: str,
-    port: int,
-    *,
-    deadline_s: float = 1.0,
-    watchdog_s: float = 0.5,
-    clock: Clock | None = None,
+    host: str, port: int, *, deadline_s=1.0, watchdog_s=0.5, clock: Clock | None = None
 ) -> AbstractContextManager[HostedBench]:
     """Connect a driver; with `clock` its waits take no time."""
     waits = {} if clock is None else {"clock": clock, "sleep": clock.sleep}
@@ -136,14 +129,11 @@ def _turn(address: str, record: object, period_s: float, amplitude_v: float) -> 
     with open_bench(bench_of, address=address, realtime=True, record=place) as bench:
         bench.configure(AcquisitionSettings(period_s, 1_000_000, wave))
         bench.start()
-        seen = 0
+        read_samples(bench, 400)
+        sys.stdout.write(f"{bench.guard.pid}\n")
+        sys.stdout.flush()
         while True:
-            block = bench.read_block()
-            seen += len(block) if block else 0
-            if seen > 400:
-                sys.stdout.write(f"{bench.guard.pid}\n")
-                sys.stdout.flush()
-                seen = -(10**9)
+            bench.read_block()
 
 
 @contextmanager
@@ -213,14 +203,12 @@ def read_frame(connection: socket.socket) -> bytes:
     data, size = b"", 6
     while len(data) < size:
         chunk = connection.recv(size - len(data))
-        if not chunk:
-            return b""
         data += chunk
         if len(data) == 6:
             size += int.from_bytes(data[4:6], "big")
-            if size < 8:
-                # no frame of Modbus TCP, such as the greeting of TLS
-                return b""
+        # the end, or no frame of Modbus TCP, such as the greeting of TLS
+        if not chunk or (len(data) == 6 and size < 8):
+            return b""
     return data
 
 
@@ -235,28 +223,20 @@ def proxy(
     host: str, port: int, mangle: Callable[[int, bytes], bytes | None]
 ) -> Iterator[tuple[str, int, list[bytes]]]:
     """Pass frames to a node and back; `mangle(number, reply)` may change or swallow replies."""
-    passed = 0
+    numbers = itertools.count(1)
+    upstreams: dict[socket.socket, socket.socket] = {}
 
     def handler(connection: socket.socket, frame: bytes) -> None:
-        nonlocal passed
-        upstream = upstreams.setdefault(connection, None)
-        if upstream is None:
-            upstream = upstreams[connection] = socket.create_connection((host, port), timeout=5)
-        upstream.sendall(frame)
-        reply = read_frame(upstream)
-        passed += 1
-        changed = mangle(passed, reply)
+        if connection not in upstreams:
+            far = socket.create_connection((host, port), timeout=5)
+            upstreams[connection] = opened.enter_context(far)
+        upstreams[connection].sendall(frame)
+        changed = mangle(next(numbers), read_frame(upstreams[connection]))
         if changed is not None:
             connection.sendall(changed)
 
-    upstreams: dict[socket.socket, socket.socket | None] = {}
-    try:
-        with rogue(handler) as (near_host, near_port, frames):
-            yield near_host, near_port, frames
-    finally:
-        for upstream in upstreams.values():
-            if upstream is not None:
-                upstream.close()
+    with ExitStack() as opened, rogue(handler) as near:
+        yield near
 
 
 def until(condition: Callable[[], bool], timeout_s: float) -> float:

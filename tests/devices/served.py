@@ -2,17 +2,21 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hdbench.devices import safestate
-from hdbench.devices.bench import Bench, Block, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block, SafeState
 from hdbench.devices.daq import Daq, ScanBlock
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.memory import Memory
+
+CHANNELS = ("torque_v", "tacho_v", "motor_current_a", "reference_v", "encoder_count")
 
 
 @dataclass
@@ -30,28 +34,62 @@ class InThread:
         return asyncio.run_coroutine_threadsafe(run(), self.loop).result(5)
 
 
-def read_all(daq: Daq, *, timeout_s: float = 20.0) -> list[ScanBlock]:
-    """Read until the last block."""
-    blocks: list[ScanBlock] = []
-    until_s = time.monotonic() + timeout_s
+def given(daq: Any) -> Iterator[Any]:
+    """Yield the blocks that come, one after the other, for a minute at most."""
+    until_s = time.monotonic() + 60.0
     while time.monotonic() < until_s:
         block = daq.read_block()
-        if block is None:
-            continue
+        if block is not None:
+            yield block
+    raise AssertionError("not finished within a minute")
+
+
+def read_all(daq: Any, into: list[Any] | None = None) -> list[Any]:
+    """Read until the last block; `into` keeps what came before an error."""
+    blocks = [] if into is None else into
+    for block in given(daq):
         blocks.append(block)
         if not block.running and block.depth == 0:
-            return blocks
-    raise AssertionError(f"not finished within {timeout_s} s")
+            break
+    return blocks
+
+
+def acquired(daq: Any, settings: Any) -> list[Any]:
+    """Return the blocks of a whole acquisition."""
+    daq.configure(settings)
+    daq.start()
+    return read_all(daq)
+
+
+def values(blocks: list[ScanBlock]) -> np.ndarray:
+    """Return all scans of adjacent blocks."""
+    return np.concatenate([block.values for block in blocks])
+
+
+def lost(blocks: list[Any]) -> int:
+    """Return how many samples are told as lost."""
+    return sum(block.lost_before for block in blocks)
 
 
 def read_samples(bench: Bench, n_samples: int) -> list[Block]:
     """Read until so many samples have come, or are told as lost."""
     blocks: list[Block] = []
-    while sum(len(block) + block.lost_before for block in blocks) < n_samples:
-        block = bench.read_block()
-        if block is not None:
-            blocks.append(block)
+    for block in given(bench):
+        blocks.append(block)
+        n_samples -= len(block) + block.lost_before
+        if n_samples <= 0:
+            break
     return blocks
+
+
+def sampled(bench: Bench, settings: AcquisitionSettings) -> SimpleNamespace:
+    """Acquire so many samples and stop; return the channels, and how many samples were lost."""
+    bench.configure(settings)
+    bench.start()
+    blocks = read_samples(bench, settings.n_samples)
+    bench.stop()
+    joined = {name: np.concatenate([getattr(b, name) for b in blocks]) for name in CHANNELS}
+    return SimpleNamespace(lost=lost(blocks), **joined)
 
 
 def not_made_safe(bench: Bench | Daq) -> SafeState:

@@ -5,7 +5,14 @@ time to somebody else.
 """
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
+
+# what two cores shared with other work may add to a wait, s
+SLACK_S = 0.5
 
 
 class Stopwatch:
@@ -17,6 +24,17 @@ class Stopwatch:
     @property
     def s(self) -> float:
         return _own_s() - self._start_s
+
+
+@contextmanager
+def fails(
+    error: type[Exception], words: str | None = None, *, within_s: float
+) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """Expect a call to fail, and in time."""
+    watch = Stopwatch()
+    with pytest.raises(error, match=words) as caught:
+        yield caught
+    assert watch.s < within_s
 
 
 def _own_s() -> float:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from daqkit import ABLE, ROLES, SETTINGS, Clock, FakeDaq, block
-from served import read_samples
+from served import sampled
 
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.composite import CompositeDaq
@@ -29,12 +29,9 @@ def pair(inputs=INPUTS, outputs=OUTPUTS):
 
 
 def test_inputs_come_from_the_one_and_outputs_and_watchdog_from_the_other():
-    _, _, both = pair()
-    able = both.capabilities()
-    assert able.inputs == ABLE.inputs
-    assert able.max_rates_hz == ABLE.max_rates_hz
-    assert able.reference == ABLE.reference
-    assert able.watchdog == ABLE.watchdog
+    able = pair()[2].capabilities()
+    for name in ("inputs", "max_rates_hz", "reference", "watchdog"):
+        assert getattr(able, name) == getattr(ABLE, name)
     assert able.guarded
 
 
@@ -105,34 +102,10 @@ def test_the_outputs_are_made_safe_first_and_decide():
     assert not both.safe_state().confirmed
 
 
-PARTS = """[daq]
-driver = "composite"
-sample_period_s = 0.001
-watchdog_s = 1.0
-channels = ["torque", "tacho"]
-
-[daq.inputs]
-driver = "node"
-address = "tcp://127.0.0.1:5020"
-
-[daq.outputs]
-driver = "node"
-address = "tcp://127.0.0.1:5021"
-"""
-
-
 def _profile(daq):
-    text = load_profile("cim-tr-97-06").text
-    before, rest = text.split("[daq]\n", 1)
-    return parse_profile(
-        before + daq + "\n[limits]\n" + rest.split("[limits]\n", 1)[1], "bench.toml"
-    )
-
-
-def test_a_profile_describes_both_parts_with_one_period():
-    table = _profile(PARTS).data.daq
-    assert table.inputs.address == "tcp://127.0.0.1:5020"
-    assert table.outputs.sample_period_s == table.sample_period_s == 0.001
+    before, rest = load_profile("cim-tr-97-06").text.split("[daq]\n", 1)
+    after = rest.split("[limits]\n", 1)[1]
+    return parse_profile(f"{before}{daq}\n[limits]\n{after}", "bench.toml")
 
 
 EMBEDDED = """[daq]
@@ -162,6 +135,13 @@ enable_line = 4
 """
 
 
+def test_a_profile_describes_both_parts_with_one_period():
+    named = EMBEDDED.replace('"labjack-t"', '"labjack-t"\naddress = "tcp://127.0.0.1:502"')
+    table = _profile(named.replace('address = "embedded"\n', "")).data.daq
+    assert table.inputs.address == "tcp://127.0.0.1:502"
+    assert table.outputs.sample_period_s == table.sample_period_s == 0.001
+
+
 @pytest.mark.usefixtures("patient_control")
 def test_two_emulated_devices_are_one_bench():
     """The tacho follows the reference beside it by the lag of the servo, 1 / (2 pi 15 Hz)."""
@@ -170,25 +150,17 @@ def test_two_emulated_devices_are_one_bench():
     wave = ReferenceWave(wave="sine", amplitude_v=1.0, frequency_hz=hertz)
     with open_bench(_profile(EMBEDDED), seed=1, realtime=True) as bench:
         assert bench.identity().model == "T7 + T7"
-        bench.configure(AcquisitionSettings(1e-3, 2500, wave))
-        bench.start()
-        blocks = read_samples(bench, 2500)
+        got = sampled(bench, AcquisitionSettings(1e-3, 2500, wave))
         doubt_s = bench._samples.doubt_s
-        bench.stop()
         assert bench.safe_state().confirmed
-    assert sum(block.lost_before for block in blocks) == 0
-    time_s = 1e-3 * np.arange(500, 2500)
-    angle = 2 * np.pi * hertz * time_s
+    assert got.lost == 0
+    angle = 2 * np.pi * hertz * 1e-3 * np.arange(500, 2500)
     tones = np.column_stack([np.sin(angle), np.cos(angle)])
-    fits = {
-        name: np.linalg.lstsq(
-            tones, np.concatenate([getattr(b, name) for b in blocks])[500:2500], rcond=None
-        )[0]
-        for name in ("reference_v", "tacho_v")
-    }
-    phase = {name: np.arctan2(fit[1], fit[0]) for name, fit in fits.items()}
-    assert np.hypot(*fits["reference_v"]) == pytest.approx(1.0, abs=0.05)
-    lag_s = (phase["reference_v"] - phase["tacho_v"]) / (2 * np.pi * hertz)
+    both = np.column_stack([got.reference_v[500:2500], got.tacho_v[500:2500]])
+    sines, cosines = np.linalg.lstsq(tones, both, rcond=None)[0]
+    assert np.hypot(sines, cosines)[0] == pytest.approx(1.0, abs=0.05)
+    phases = np.arctan2(cosines, sines)
+    lag_s = (phases[0] - phases[1]) / (2 * np.pi * hertz)
     assert lag_s == pytest.approx(1 / (2 * np.pi * 15.0), abs=0.005 + doubt_s)
     assert 0.0 < doubt_s < 0.1
 

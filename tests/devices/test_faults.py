@@ -4,13 +4,13 @@ import os
 import socket
 import struct
 import time
-import tty
 
 from faults.lines import faulty_serial, faulty_tcp
 from faults.mangler import Mangler, RawFraming, RtuFraming, TcpFraming
 from nodekit import rogue
 
 from hdbench.devices.wire.rtu import crc16
+from hdbench.system.lines import terminal_pair
 
 # a reply with two registers, an echo of a write, and one of function 76
 READ = struct.pack(">HHHB", 7, 0, 7, 1) + bytes((3, 4, 0, 17, 34, 51))
@@ -33,12 +33,10 @@ def test_frames_are_found_however_the_bytes_arrive():
         buffer.append(byte)
         found += TcpFraming().split(buffer)
     assert found == [READ, ECHO, FEEDBACK]
-    body = b"\x01" + READ[7:]
-    rtu = body + crc16(body)
-    echo = b"\x01\x06\0\1\0\2" + crc16(b"\x01\x06\0\1\0\2")
-    refusal = b"\x01\x83\2" + crc16(b"\x01\x83\2")
-    buffer = bytearray(rtu + echo + refusal + b"\1")
-    assert RtuFraming(crc16).split(buffer) == [rtu, echo, refusal]
+    bodies = (b"\x01" + READ[7:], b"\x01\x06\0\1\0\2", b"\x01\x83\2")
+    frames = [body + crc16(body) for body in bodies]
+    buffer = bytearray(b"".join(frames) + b"\1")
+    assert RtuFraming(crc16).split(buffer) == frames
     assert buffer == b"\1"
 
 
@@ -59,15 +57,14 @@ def test_timing_faults_keep_the_bytes():
 
 def test_wrong_replies_are_well_formed_and_wrong_in_one_thing():
     for seed in range(20):
-        length = struct.unpack_from(">H", data_of("count", seed=seed), 4)[0]
-        pdu = data_of("count", seed=seed)[7:]
-        assert length == len(pdu) + 1
-        assert pdu[1] == len(pdu) - 2 != 4
+        frame = data_of("count", seed=seed)
+        assert frame[4:6] == struct.pack(">H", len(frame) - 6)
+        assert frame[8] == len(frame) - 9 != 4
         assert data_of("function", seed=seed)[7] != 3
         assert data_of("function", seed=seed)[8:] == READ[8:]
-        code = data_of("exception", seed=seed)[7:]
-        assert code[0] == 0x83
-        assert 1 <= code[1] <= 6
+        refusal = data_of("exception", seed=seed)
+        assert refusal[7] == 0x83
+        assert 1 <= refusal[8] <= 6
         assert data_of("echo", ECHO, seed=seed)[:8] == ECHO[:8]
         assert data_of("echo", ECHO, seed=seed) != ECHO
         header = data_of("transaction", seed=seed)
@@ -110,8 +107,8 @@ def test_a_share_of_the_frames_is_changed_and_counted():
     assert abs(sum(gone) - 400) < 90
 
 
-def _asked(address: tuple[str, int], count: int = 1, timeout_s: float = 2.0) -> bytes:
-    with socket.create_connection(address, timeout=timeout_s) as host:
+def _asked(address: tuple[str, int], count: int = 1) -> bytes:
+    with socket.create_connection(address, timeout=2.0) as host:
         host.sendall(READ * count)
         data = b""
         try:
@@ -126,25 +123,20 @@ def test_on_tcp_the_host_sees_the_fault():
     with rogue(lambda connection, frame: connection.sendall(frame)) as (*echo_server, _):
         with faulty_tcp(*echo_server, Mangler("duplicate", TcpFraming())) as near:
             assert _asked(near, 2)[: 2 * len(READ)] == READ * 2
-        with faulty_tcp(*echo_server, Mangler("late", TcpFraming(), late_s=0.2)) as near:
-            start_s = time.monotonic()
-            assert _asked(near) == READ
-            # a busy machine may add to it, never take from it
-            assert time.monotonic() - start_s >= 0.2
-        with faulty_tcp(*echo_server, Mangler("slow-loris", TcpFraming(), late_s=0.01)) as near:
-            start_s = time.monotonic()
-            assert _asked(near) == READ
-            assert time.monotonic() - start_s >= 0.01 * len(READ)
-        with faulty_tcp(*echo_server, Mangler("fin", TcpFraming())) as near:
-            assert _asked(near) == b""
-        with faulty_tcp(*echo_server, Mangler("reset", TcpFraming())) as near:
-            assert _asked(near) == b"ConnectionResetError"
+        # a busy machine may add to it, never take from it
+        for kind, late_s, least_s in (("late", 0.2, 0.2), ("slow-loris", 0.01, 0.01 * len(READ))):
+            with faulty_tcp(*echo_server, Mangler(kind, TcpFraming(), late_s=late_s)) as near:
+                start_s = time.monotonic()
+                assert _asked(near) == READ
+                assert time.monotonic() - start_s >= least_s
+        for kind, told in (("fin", b""), ("reset", b"ConnectionResetError")):
+            with faulty_tcp(*echo_server, Mangler(kind, TcpFraming())) as near:
+                assert _asked(near) == told
 
 
 def test_on_a_serial_line_the_host_sees_the_fault():
-    device, terminal = os.openpty()
-    tty.setraw(terminal)
-    with faulty_serial(os.ttyname(terminal), Mangler("mutate", RawFraming(), seed=1)) as path:
+    device, terminal, far = terminal_pair(blocking=True)
+    with faulty_serial(far, Mangler("mutate", RawFraming(), seed=1)) as path:
         host = os.open(path, os.O_RDWR | os.O_NOCTTY)
         os.write(host, b"who are you")
         assert os.read(device, 100) == b"who are you", "requests pass as they are"

@@ -1,6 +1,7 @@
 """The guard stops the motor when the session dies, freezes or leaves without a word."""
 
 import json
+import math
 import os
 import select
 import signal
@@ -9,39 +10,41 @@ import struct
 import subprocess
 import sys
 import time
-import tty
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from itertools import islice
 from pathlib import Path
 
 import pytest
 from changing import with_keys
 from forked import ended
-from nodekit import PROFILE, driver, host, proxy, served, until
+from nodekit import PROFILE, adu, driver, host, proxy, realtime_emulator, served, until
 from serial import Serial
-from stopwatch import Stopwatch
+from served import given
+from stopwatch import fails
 
 from hdbench.devices.bench import AcquisitionSettings
-from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.guard import session as launching
 from hdbench.devices.guard.order import Look, as_json, order_of
-from hdbench.devices.guard.process import watching
+from hdbench.devices.guard.process import stopping, watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
 from hdbench.devices.guard.session import GuardProcess, guard_silence_s
 from hdbench.devices.host.bench import HostedBench
 from hdbench.devices.wire.link import FrameError, read_registers, write_register
 from hdbench.devices.wire.rtu import crc16
-from hdbench.errors import DeviceError
+from hdbench.errors import BusyError, DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
+from hdbench.system.lines import open_port, terminal_pair
 
+REPORT = load_profile("cim-tr-97-06").data
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
 @pytest.fixture
 def patient_guard(monkeypatch):
     """Give a device that answers the time that a busy computer takes from it."""
-    monkeypatch.setattr("hdbench.devices.guard.process.stopping.REPLY_S", 1.0)
-    monkeypatch.setattr("hdbench.devices.guard.process.stopping.SESSION_S", 10.0)
+    monkeypatch.setattr(stopping, "REPLY_S", 1.0)
+    monkeypatch.setattr(stopping, "SESSION_S", 10.0)
 
 
 def told(order_or_target):
@@ -49,8 +52,14 @@ def told(order_or_target):
     return json.loads(as_json(order_or_target))
 
 
-def profile_at(address):
-    return with_keys(PROFILE, daq={"address": address})
+def profile_at(host, port):
+    return with_keys(PROFILE, daq={"address": f"tcp://{host}:{port}"})
+
+
+def target_at(host, port):
+    """Return what the guard of a node does, as its process reads it."""
+    (target,) = order_of(profile_at(host, port)).targets
+    return told(target)
 
 
 def guarding(bench, start_guard):
@@ -60,11 +69,11 @@ def guarding(bench, start_guard):
 
 @contextmanager
 def guarded(node, tmp_path, silence_s=0.3):
-    data = profile_at(f"tcp://{node.host}:{node.port}")
+    order = order_of(profile_at(node.host, node.port))
     log = tmp_path / "guard.jsonl"
     with driver(node.host, node.port, watchdog_s=2.0) as bench:
         bench.claim()
-        found = guarding(bench, lambda: GuardProcess(order_of(data), silence_s, log=log))
+        found = guarding(bench, lambda: GuardProcess(order, silence_s, log=log))
         try:
             yield found
         finally:
@@ -72,12 +81,11 @@ def guarded(node, tmp_path, silence_s=0.3):
             found.close()
 
 
-def turn(bench, blocks=5):
+def turn(bench):
     bench.configure(AcquisitionSettings(1e-3, 1_000_000, WAVE))
     bench.start()
-    taken = 0
-    while taken < blocks:
-        taken += bench.read_block() is not None
+    for _ in islice(given(bench), 5):
+        pass
 
 
 @contextmanager
@@ -116,9 +124,7 @@ def test_a_session_that_says_nothing_has_its_motor_stopped_and_is_told(tmp_path)
 
 def test_a_session_that_gives_signs_of_life_is_left_alone(tmp_path):
     with turning(tmp_path) as (node, bench):
-        until_s = time.monotonic() + 1.0
-        while time.monotonic() < until_s:
-            bench.read_block()
+        read_until(bench, time.monotonic() + 1.0)
         assert motor(node) == pytest.approx(1.0)
         pid = bench.guard.pid
         assert bench.safe_state().confirmed
@@ -128,25 +134,17 @@ def test_a_session_that_gives_signs_of_life_is_left_alone(tmp_path):
 
 
 def test_a_bench_that_is_closed_without_the_safe_state_is_made_safe(tmp_path):
-    with served(pace="realtime") as node:
-        data = profile_at(f"tcp://{node.host}:{node.port}")
-        with driver(node.host, node.port, watchdog_s=2.0) as inner:
-            inner.claim()
-            bench = guarding(inner, lambda: GuardProcess(order_of(data), 1.0))
-            turn(bench)
-            bench.close()
-            assert motor(node) == 0.0
-            assert node.core.machine.trips == 0
+    with turning(tmp_path, 1.0) as (node, bench):
+        bench.close()
+        assert motor(node) == 0.0
+        assert node.core.machine.trips == 0
 
 
 def test_a_session_whose_guard_dies_is_told_at_its_next_block(tmp_path):
     with turning(tmp_path) as (_, bench):
         os.kill(bench.guard.pid, signal.SIGKILL)
-        start_s = time.monotonic()
-        watch = Stopwatch()
-        with pytest.raises(DeviceError, match="guard process"):
-            read_until(bench, start_s + 20.0)
-        assert watch.s < 5.0
+        with fails(DeviceError, "guard process", within_s=5.0):
+            read_until(bench, time.monotonic() + 20.0)
 
 
 def test_what_ends_a_session_does_not_end_the_guard(tmp_path):
@@ -161,7 +159,7 @@ def test_what_ends_a_session_does_not_end_the_guard(tmp_path):
 def test_motion_without_a_second_connection_is_refused(tmp_path):
     with served() as node, driver(node.host, node.port) as inner:
         inner.claim()
-        nowhere = order_of(profile_at("tcp://127.0.0.1:1"))
+        nowhere = order_of(profile_at("127.0.0.1", 1))
         bench = guarding(inner, lambda: GuardProcess(nowhere, 1.0))
         with pytest.raises(DeviceError, match="does not reach the device"):
             bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
@@ -169,40 +167,30 @@ def test_motion_without_a_second_connection_is_refused(tmp_path):
         bench.close()
 
 
-def _changed(reply, pdu, unit=1):
-    return reply[:4] + struct.pack(">HB", len(pdu) + 1, unit) + pdu
-
-
+# the unit and the PDU that come in place of those of a reply
 NO_REPLIES = {
-    "unit": lambda reply, pdu: _changed(reply, pdu, unit=77),
-    "unit and function": lambda reply, pdu: _changed(reply, b"\3\2\0\0", unit=77),
-    "function of a write": lambda reply, pdu: (
-        _changed(reply, b"\3\2\0\0") if pdu[0] == 6 else reply
-    ),
-    "value of a write": lambda reply, pdu: (
-        _changed(reply, pdu[:-1] + b"\x55") if pdu[0] == 6 else reply
-    ),
-    "longer": lambda reply, pdu: _changed(reply, pdu + b"\0\0"),
-    "byte count": lambda reply, pdu: (
-        _changed(reply, pdu[:1] + b"\2" + pdu[2:]) if pdu[0] == 3 else reply
-    ),
+    "unit": lambda pdu: (77, pdu),
+    "unit and function": lambda pdu: (77, b"\3\2\0\0"),
+    "function of a write": lambda pdu: (1, b"\3\2\0\0" if pdu[0] == 6 else pdu),
+    "value of a write": lambda pdu: (1, pdu[:-1] + b"\x55" if pdu[0] == 6 else pdu),
+    "longer": lambda pdu: (1, pdu + b"\0\0"),
+    "byte count": lambda pdu: (1, pdu[:1] + b"\2" + pdu[2:] if pdu[0] == 3 else pdu),
 }
 
 
 @pytest.mark.parametrize("kind", NO_REPLIES)
 def test_the_guard_takes_no_other_reply_for_its_own(kind, request):
     def mangle(_number, reply):
-        return NO_REPLIES[kind](reply, reply[7:])
+        unit, pdu = NO_REPLIES[kind](reply[7:])
+        return adu(reply, pdu, unit=unit)
 
     with served(pace="realtime") as node:
         with proxy(node.host, node.port, mangle) as (host, port, frames):
-            (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
-            assert make_safe(told(target), alone=False) != ""
+            assert make_safe(target_at(host, port), alone=False) != ""
         assert frames
         request.getfixturevalue("patient_guard")
         with proxy(node.host, node.port, lambda _, reply: reply) as (host, port, _):
-            (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
-            assert make_safe(told(target), alone=False) == ""
+            assert make_safe(target_at(host, port), alone=False) == ""
 
 
 def test_a_guard_whose_words_nobody_reads_goes_on_trying():
@@ -252,11 +240,8 @@ def events_of(record):
 @pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
 def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp_path, signum):
     record = tmp_path / "motor.jsonl"
-    data = load_profile("cim-tr-97-06").data
     with (
-        running_emulator(
-            data, plant="as-modelled", seed=0, pace="realtime", record=record, wire="rtu"
-        ) as found,
+        realtime_emulator(REPORT, record=record, wire="rtu") as found,
         host(str(found["address"]), period_s=2e-3) as (process, _),
     ):
         process.send_signal(signum)
@@ -283,49 +268,57 @@ READ, WRITE = (
 
 def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
     near, far = os.openpty()
-    wire = Wire(_line(os.ttyname(far)), alone=False)
-    try:
-        watch = Stopwatch()
-        with pytest.raises(FrameError, match="no valid reply"):
+    # four tenths of a second each, and the scheduler
+    with closing(Wire(_line(os.ttyname(far)), alone=False)) as wire:
+        with fails(FrameError, "no valid reply", within_s=2.5):
             wire.transact(READ)
         os.close(near)
         os.close(far)
-        with pytest.raises(FAULTS):
+        with fails(FAULTS, within_s=2.5):
             wire.transact(READ)
-        # four tenths of a second each, and the scheduler
-        assert watch.s < 5.0
-    finally:
-        wire.close()
 
 
-def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
-    near, far = os.openpty()
-    tty.setraw(far)
-    path = os.ttyname(far)
+@pytest.fixture
+def line():
+    """Yield the other end of a serial line, and the path of this one."""
+    near, far, path = terminal_pair(blocking=True)
+    yield near, path
+    os.close(near)
+    os.close(far)
+
+
+def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace(line):
+    near, path = line
     target = {
         "place": _line(path), "identity": [], "acts": [WRITE], "looks": [], "finals": [],
         "final_looks": [], "brake_s": 0.0,
     }  # fmt: skip
-    try:
-        with Serial(path, timeout=0, exclusive=True):
-            # the session is gone, and somebody has the port
-            assert "another program" in make_safe(target, alone=True)
-            assert not select.select([near], [], [], 0.0)[0], "nothing was written"
-            # the session is frozen, and has the port still
-            assert "no valid reply" in make_safe(target, alone=False)
-            frame = b"\1\6\0\1\0\0"
-            assert os.read(near, 100) == frame + crc16(frame)
-        assert "no valid reply" in make_safe(target, alone=True)
-    finally:
-        os.close(near)
-        os.close(far)
+    with Serial(path, timeout=0, exclusive=True):
+        # the session is gone, and somebody has the port
+        assert "another program" in make_safe(target, alone=True)
+        assert not select.select([near], [], [], 0.0)[0], "nothing was written"
+        # the session is frozen, and has the port still
+        assert "no valid reply" in make_safe(target, alone=False)
+        frame = b"\1\6\0\1\0\0"
+        assert os.read(near, 100) == frame + crc16(frame)
+    assert "no valid reply" in make_safe(target, alone=True)
+
+
+def test_a_guard_whose_session_is_dead_has_the_line_for_itself_while_it_works(line):
+    _, path = line
+    with closing(Wire(_line(path), alone=True)) as wire:
+        # nobody answers, and the port stays open
+        with pytest.raises(FrameError, match="no valid reply"):
+            wire.transact(READ)
+        with pytest.raises(BusyError):
+            open_port(path, path, baud_bd=115200)
+    open_port(path, path, baud_bd=115200).close()
 
 
 @pytest.mark.usefixtures("patient_guard")
 def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
-    data = load_profile("cim-tr-97-06").data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found:
-        (target,) = order_of(profile_at(found["address"])).targets
+    with realtime_emulator(REPORT, wire="rtu") as found:
+        (target,) = order_of(with_keys(PROFILE, daq={"address": found["address"]})).targets
         ordered = told(target)
         note_identity(ordered)
         assert make_safe(ordered, alone=True) == ""
@@ -350,7 +343,7 @@ def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
     [
         (struct.pack(">f", 0.2), {"form": ">f", "low": -0.5, "high": 0.5}, True),
         (struct.pack(">f", -0.6), {"form": ">f", "low": -0.5, "high": 0.5}, False),
-        (struct.pack(">f", float("nan")), {"form": ">f", "low": -0.5, "high": 0.5}, False),
+        (struct.pack(">f", math.nan), {"form": ">f", "low": -0.5, "high": 0.5}, False),
         (struct.pack(">H", 0b1010), {"form": ">H", "low": 0, "high": 0, "mask": 0b0101}, True),
         (struct.pack(">H", 0b1010), {"form": ">H", "low": 0, "high": 0, "mask": 0b1000}, False),
         # 1.5 with the low word first
@@ -377,10 +370,9 @@ def test_the_silence_is_shorter_than_the_watchdog_and_longer_than_a_call(
 @pytest.mark.parametrize("name", ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000"])
 def test_every_bench_that_moves_has_bytes_for_its_guard(name):
     data = load_profile(name).data
-    table = data.daq
     update = {"address": "tcp://127.0.0.1:502"}
-    if hasattr(table, "outputs"):
-        update = {"outputs": table.outputs.model_copy(update=update)}
+    if hasattr(data.daq, "outputs"):
+        update = {"outputs": data.daq.outputs.model_copy(update=update)}
     order = order_of(with_keys(data, daq=update))
     assert order.command == ()
     (target,) = order.targets
@@ -393,17 +385,7 @@ def test_a_driver_without_known_bytes_is_made_safe_through_itself(tmp_path):
     assert order.targets == ()
     assert order.command
     with turning(tmp_path) as (node, _):
-        told = profile_at(f"tcp://{node.host}:{node.port}").model_dump_json(exclude_none=True)
-        done = ended(order.command, input=told)
+        there = profile_at(node.host, node.port).model_dump_json(exclude_none=True)
+        done = ended(order.command, input=there)
         assert done.returncode == 0, done.stdout + done.stderr
         assert motor(node) == 0.0
-
-
-@pytest.mark.usefixtures("patient_guard")
-def test_a_device_that_is_not_the_one_from_before_is_never_written_to(tmp_path):
-    with turning(tmp_path) as (node, _):
-        (target,) = order_of(profile_at(f"tcp://{node.host}:{node.port}")).targets
-        ordered = told(target)
-        ordered["identity"][0]["known"] = "03" + "00" * 20
-        assert "another device" in make_safe(ordered, alone=False)
-        assert motor(node) == pytest.approx(1.0)

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from changing import with_keys
 from plant_tools import AS_MODELLED, quiet_profile
 
 from hdbench.devices.operator import Mistake, Mistakes, SimulatedOperator, parse_mistakes
@@ -27,11 +26,22 @@ def hang(bench: SimulatedBench, mass: float) -> None:
     bench.set_fixture(locked=True, position_rad=0.0, mass_kg=mass, direction=1)
 
 
-def test_a_free_weight_swings_at_twice_the_pendulum_s_frequency_and_goes_on() -> None:
+def empty_bench() -> SimulatedBench:
     bench = SimulatedBench(quiet_profile(), AS_MODELLED, 7)
     hang(bench, 0.0)
+    return bench
+
+
+def swinging_bench() -> SimulatedBench:
+    """Return a bench on which 4 kg were let go at 0.2 rad."""
+    bench = empty_bench()
     bench.set_handling(swing_rad=0.2, release_s=0.0, shunt_ohm=0.0)
     hang(bench, 4.0)
+    return bench
+
+
+def test_a_free_weight_swings_at_twice_the_pendulum_s_frequency_and_goes_on() -> None:
+    bench = swinging_bench()
     late = reading_v(bench)[300:]
     # 4 kg on 0.5 m: 2.97 V; the force varies by angle squared, 4 %, after 3 s of 60 s decay
     expected = 2.97 * 0.2**2 * math.exp(-2 * 4.5 / FREE_SWING_S)
@@ -42,10 +52,7 @@ def test_a_free_weight_swings_at_twice_the_pendulum_s_frequency_and_goes_on() ->
 
 
 def test_handling_holds_for_one_weight_only() -> None:
-    bench = SimulatedBench(quiet_profile(), AS_MODELLED, 7)
-    hang(bench, 0.0)
-    bench.set_handling(swing_rad=0.2, release_s=0.0, shunt_ohm=0.0)
-    hang(bench, 4.0)
+    bench = swinging_bench()
     reading_v(bench)
     hang(bench, 2.0)
     # the plant's own swing of 0.035 rad is steadied within a second or so: 1.8 mV after 3 s
@@ -53,8 +60,7 @@ def test_handling_holds_for_one_weight_only() -> None:
 
 
 def test_a_weight_that_is_let_go_early_comes_off_and_can_be_hung_again() -> None:
-    bench = SimulatedBench(quiet_profile(), AS_MODELLED, 7)
-    hang(bench, 0.0)
+    bench = empty_bench()
     zero = reading_v(bench)[-100:].mean()
     bench.set_handling(swing_rad=0.0, release_s=0.7, shunt_ohm=0.0)
     hang(bench, 4.0)
@@ -78,8 +84,7 @@ def test_a_shunt_adds_what_four_equal_arms_give() -> None:
     # Wheatstone by hand: 350 || 200k against 350 in one divider, 350 and 350 in the other
     parallel = 350.0 * 200e3 / (350.0 + 200e3)
     by_hand = 10.0 * (0.5 - parallel / (350.0 + parallel)) * 1000.0
-    profile = quiet_profile()
-    profile = with_keys(profile, calibration={"shunt": ShuntCheck(resistor_ohm=200e3)})
+    profile = quiet_profile(calibration={"shunt": ShuntCheck(resistor_ohm=200e3)})
     assert shunt_volts(profile, 200e3) == pytest.approx(by_hand, rel=1e-9)
     assert shunt_volts(profile, 0.0) == 0.0
     bench = SimulatedBench(profile, AS_MODELLED, 7)

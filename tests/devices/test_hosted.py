@@ -22,8 +22,6 @@ from hdbench.profile.waves import ProgramPart, ReferenceProgram
 WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)
 ASKED = AcquisitionSettings(1e-3, 1000, WAVE)
 STILL = AcquisitionSettings(1e-3, 1000, None)
-# a watchdog that drops no output
-UNGUARDED = replace(ABLE, watchdog=replace(ABLE.watchdog, drops=()))
 
 
 def bench(daq=None, settings=SETTINGS):
@@ -31,9 +29,8 @@ def bench(daq=None, settings=SETTINGS):
     return HostedBench(daq, settings, clock=daq.clock, sleep=daq.clock.sleep)
 
 
-def started(daq, settings=SETTINGS, asked=STILL):
+def started(made, asked=STILL):
     """Return a bench that samples."""
-    made = bench(daq, settings)
     made.configure(asked)
     made.start()
     return made
@@ -45,32 +42,26 @@ def started(daq, settings=SETTINGS, asked=STILL):
 @pytest.mark.parametrize(
     ("able", "settings", "asked", "words", "key"),
     [
-        (
-            ABLE,
-            SETTINGS,
-            AcquisitionSettings(1e-4, 10, None),
-            "3 channels at 10000 Hz.*2500",
-            "daq",
-        ),
-        (ABLE, SETTINGS, AcquisitionSettings(2.0, 10, None), "1 to 2500 Hz", "sample_period_s"),
-        (replace(ABLE, inputs=ABLE.inputs[:1]), SETTINGS, STILL, "no channel tacho", "channels"),
-        (replace(ABLE, reference=False), SETTINGS, ASKED, "no output", "driver"),
-        (replace(ABLE, watchdog=None), SETTINGS, ASKED, "no watchdog", "driver"),
-        (UNGUARDED, SETTINGS, ASKED, "no watchdog", "driver"),
-        (ABLE, replace(SETTINGS, watchdog_s=9.0), ASKED, "0.1 to 5 s", "watchdog_s"),
-        (ABLE, replace(SETTINGS, roles=("torque",)), ASKED, "run away", "channels"),
+        ({}, {}, replace(STILL, sample_period_s=1e-4), "3 channels at 10000 Hz.*2500", "daq"),
+        ({}, {}, replace(STILL, sample_period_s=2.0), "1 to 2500 Hz", "sample_period_s"),
+        ({"inputs": ABLE.inputs[:1]}, {}, STILL, "no channel tacho", "channels"),
+        ({"reference": False}, {}, ASKED, "no output", "driver"),
+        ({"watchdog": None}, {}, ASKED, "no watchdog", "driver"),
+        # one that drops no output
+        ({"watchdog": replace(ABLE.watchdog, drops=())}, {}, ASKED, "no watchdog", "driver"),
+        ({}, {"watchdog_s": 9.0}, ASKED, "0.1 to 5 s", "watchdog_s"),
+        ({}, {"roles": ("torque",)}, ASKED, "run away", "channels"),
     ],
 )
 def test_what_a_device_cannot_do_is_told_before_anything_is_written(
     able, settings, asked, words, key
 ):
-    daq = FakeDaq(able)
+    daq = FakeDaq(replace(ABLE, **able))
     with pytest.raises(DeviceError, match=words) as caught:
-        bench(daq, settings).configure(asked)
+        bench(daq, replace(SETTINGS, **settings)).configure(asked)
     assert key in caught.value.where
     assert caught.value.fix
-    assert daq.calls == []
-    assert daq.written == []
+    assert daq.calls == daq.written == []
 
 
 def test_a_device_that_samples_at_another_period_is_refused():
@@ -80,7 +71,7 @@ def test_a_device_that_samples_at_another_period_is_refused():
 
 def test_a_generator_gets_the_reference_and_nothing_is_written_from_here():
     daq = FakeDaq(replace(ABLE, generator=True, reference=False))
-    started(daq, asked=ASKED)
+    started(bench(daq), ASKED)
     assert daq.settings.reference is WAVE
     assert daq.written == []
     assert daq.calls == ["configure", "start"]
@@ -99,7 +90,7 @@ def test_a_reference_beyond_the_limit_is_refused_before_the_device_hears_of_it()
 
 def test_channels_that_are_not_sampled_are_nan_and_saturation_is_told_by_sample():
     daq = FakeDaq()
-    made = started(daq)
+    made = started(bench(daq))
     marks = [[True, False, False], [False, False, True], [False, True, False]]
     daq.blocks = [block(0, [[1, 2, 65530], [3, 4, 4], [5, 6, 14]], saturated=marks)]
     found = made.read_block()
@@ -114,7 +105,7 @@ def test_channels_that_are_not_sampled_are_nan_and_saturation_is_told_by_sample(
 
 def test_a_polled_device_tells_the_time_of_every_sample():
     daq = FakeDaq()
-    made = started(daq)
+    made = started(bench(daq))
     taken = daq.clock.now_s + np.array([0.010, 0.021])
     daq.blocks = [block(0, [[1, 2, 3], [1, 2, 3]], time_s=taken)]
     np.testing.assert_allclose(made.read_block().time_s, [0.010, 0.021], atol=1e-12)
@@ -174,11 +165,9 @@ def test_the_reference_holds_each_value_for_a_period_and_ends_with_zero():
     program = ReferenceProgram((ProgramPart(10, 0.0, 1.0), ProgramPart(5, 1.0, 1.0)))
     made = HostReference(program, 0.1, 15, limit_v=2.0, slew_v_per_s=1e6)
     values = [made.value_v(0.1 * k + 0.05, 0.0, 1.0) for k in range(-1, 17)]
-    assert values[0] == 0.0
     # a part of ten samples goes linearly from its start: 0, 0.1, ... 0.9
-    np.testing.assert_allclose(values[1:11], 0.1 * np.arange(10), atol=1e-12)
-    np.testing.assert_allclose(values[11:16], 1.0)
-    assert values[16:] == [0.0, 0.0]
+    np.testing.assert_allclose(values[1:16], [*(0.1 * np.arange(10)), *5 * [1.0]], atol=1e-12)
+    assert [values[0], *values[16:]] == [0.0, 0.0, 0.0]
 
 
 def test_the_reference_changes_no_faster_than_its_slew():
@@ -200,17 +189,15 @@ class RealClock(Clock):
 def moving():
     """Return a device whose motor turns, and its bench, in real time."""
     daq = FakeDaq(clock=RealClock())
-    made = HostedBench(daq, SETTINGS)
-    made.configure(ASKED)
-    made.start()
+    made = started(HostedBench(daq, SETTINGS), ASKED)
     until(lambda: daq.reference_v == 2.0, 3.0)
     return daq, made
 
 
-def running(daq, *, watchdog_s=0.4, **changes):
+def running(daq):
     log = ReferenceLog(daq.clock(), 0.0)
     reference = HostReference(WAVE, 1e-3, 100_000, limit_v=8.0, slew_v_per_s=1e6)
-    control = ControlThread(daq, reference, log, update_s=0.01, watchdog_s=watchdog_s, **changes)
+    control = ControlThread(daq, reference, log, update_s=0.01, watchdog_s=0.4)
     control.start(time.monotonic())
     return control, log
 
@@ -357,8 +344,7 @@ def test_the_safe_state_needs_the_motor_seen_standing():
 
 
 def test_a_device_that_does_not_answer_leaves_the_safe_state_unconfirmed():
-    daq = FakeDaq(refuse="silent")
-    safe = bench(daq).safe_state()
+    safe = bench(FakeDaq(refuse="silent")).safe_state()
     assert (safe.confirmed, safe.detail) == (False, "silent")
 
 
@@ -369,9 +355,10 @@ def test_a_device_that_drives_nothing_needs_no_standstill():
 
 def test_the_order_of_channels_is_that_of_the_profile():
     daq = FakeDaq()
-    made = started(daq, replace(SETTINGS, roles=("encoder", "torque")))
-    assert daq.settings.roles == ("encoder", "torque")
-    daq.blocks = [block(0, [[7, 1.5]], roles=("encoder", "torque"))]
+    roles = ("encoder", "torque")
+    made = started(bench(daq, replace(SETTINGS, roles=roles)))
+    assert daq.settings.roles == roles
+    daq.blocks = [block(0, [[7, 1.5]], roles=roles)]
     found = made.read_block()
     assert (found.encoder_count[0], found.torque_v[0]) == (7, 1.5)
-    assert ROLES != ("encoder", "torque")
+    assert roles != ROLES

@@ -7,7 +7,7 @@ import stat
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 
 import pytest
@@ -53,14 +53,23 @@ def holder(address):
 
 
 @contextmanager
-def process(*words):
-    running = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
-    try:
-        yield running
-    finally:
-        with suppress(OSError):
-            running.send_signal(signal.SIGKILL)
-        running.communicate()
+def process(program, *words, held=True):
+    command = [sys.executable, "-c", program, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+        try:
+            assert not held or running.stdout.readline() == "held\n"
+            yield running
+        finally:
+            running.kill()
+
+
+def not_released(text):
+    """Ask for the end of a process that holds the file with this text; nobody may be signalled."""
+    with process(HOLD, str(lock._path(LINE)), text + "\n") as other:
+        with pytest.raises(BusyError) as caught:
+            release(LINE, timeout_s=0.3)
+        assert caught.value.fix
+        assert other.poll() is None
 
 
 WORD = 32 * "0"
@@ -69,25 +78,13 @@ WORD = 32 * "0"
 @pytest.mark.parametrize(
     "told",
     [
-        "{pid}\n",
-        "{pid} boot:1 1 " + WORD + "\n",
-        "{pid} - 1 " + WORD + "\n",
-        "{pid} {mark} 1 " + WORD[1:] + "\n",
-        "1 - 0 " + WORD + "\n",
-        "\n",
-        "x y\n",
+        "{pid}", f"{{pid}} boot:1 1 {WORD}", f"{{pid}} - 1 {WORD}",
+        f"{{pid}} {{mark}} 1 {WORD[1:]}", f"1 - 0 {WORD}", "", "x y",
     ],
-)
+)  # fmt: skip
 def test_a_stop_never_signals_a_process_that_does_not_hold_the_bench(told):
-    with process("-c", "import time; print(1, flush=True); time.sleep(60)") as stranger:
-        assert stranger.stdout.readline()
-        text = told.format(pid=stranger.pid, mark=process_mark(stranger.pid))
-        with process("-c", HOLD, str(lock._path(LINE)), text) as other:
-            assert other.stdout.readline() == "held\n"
-            with pytest.raises(BusyError) as caught:
-                release(LINE, timeout_s=0.3)
-            assert caught.value.fix
-            assert other.poll() is None
+    with process("import time; print('held', flush=True); time.sleep(60)") as stranger:
+        not_released(told.format(pid=stranger.pid, mark=process_mark(stranger.pid)))
         assert stranger.poll() is None, "a stranger was ended"
         assert holder(LINE) is None
 
@@ -98,7 +95,7 @@ import os, time
 write = os.write
 os.write = lambda *told: (time.sleep(0.5), write(*told))[1]
 """
-    with process("-c", slow + RUN, LINE) as run:
+    with process(slow + RUN, LINE, held=False) as run:
         until(lock._path(LINE).exists, 20.0)
         # between opening and locking it
         time.sleep(0.1)
@@ -107,8 +104,7 @@ os.write = lambda *told: (time.sleep(0.5), write(*told))[1]
 
 
 def test_a_process_that_died_holds_nothing_and_its_number_is_signalled_no_more():
-    with process("-c", RUN, LINE) as run:
-        assert run.stdout.readline() == "held\n"
+    with process(RUN, LINE) as run:
         run.kill()
         run.wait(60)
         assert holder(LINE) is None
@@ -213,18 +209,12 @@ def test_a_lock_that_cannot_be_written_is_told(monkeypatch):
 def test_a_request_that_nobody_understands_stops_nobody(told):
     """A port that another program has by now."""
     with socket.create_server(("127.0.0.1", 0)) as stranger:
-        text = told.format(pid=os.getpid() + 1, port=stranger.getsockname()[1])
-        with process("-c", HOLD, str(lock._path(LINE)), text + "\n") as other:
-            assert other.stdout.readline() == "held\n"
-            with pytest.raises(BusyError):
-                release(LINE, timeout_s=0.3)
-            assert other.poll() is None
+        not_released(told.format(pid=os.getpid() + 1, port=stranger.getsockname()[1]))
 
 
 def test_where_no_signal_is_safe_the_run_is_asked_to_end(monkeypatch):
     monkeypatch.setattr(lock, "terminate", lambda pid, mark: False)
-    with process("-c", RUN, LINE) as run:
-        assert run.stdout.readline() == "held\n"
+    with process(RUN, LINE) as run:
         release(LINE)
         assert run.wait(60) == -signal.SIGTERM
     assert holder(LINE) is None
@@ -240,8 +230,7 @@ def test_only_who_knows_the_word_can_ask(monkeypatch):
 
 def test_without_locks_a_bench_is_held_while_its_process_answers(monkeypatch):
     monkeypatch.setattr(lock, "lock_file", lambda _: None)
-    with process("-c", RUN, LINE) as run:
-        assert run.stdout.readline() == "held\n"
+    with process(RUN, LINE) as run:
         with pytest.raises(BusyError, match=str(run.pid)), exclusive(LINE):
             pass
         run.kill()
@@ -253,9 +242,7 @@ def test_without_locks_a_bench_is_held_while_its_process_answers(monkeypatch):
 def test_callers_who_say_nothing_keep_no_request_from_being_heard():
     with lock.listening() as place:
         port, secret = place.split()
-        silent = [socket.create_connection(("127.0.0.1", int(port))) for _ in range(3)]
-        try:
+        with ExitStack() as silent:
+            for _ in range(3):
+                silent.enter_context(socket.create_connection(("127.0.0.1", int(port))))
             assert lock.Holder(port=int(port), secret=secret).ask("here")
-        finally:
-            for link in silent:
-                link.close()

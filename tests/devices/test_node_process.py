@@ -5,17 +5,17 @@ import os
 import signal
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from subprocess import PIPE
 
 import numpy as np
 import pytest
 from forked import hdbench_process
-from nodekit import PATIENT, PROFILE, driver, host, until
-from served import read_samples
+from nodekit import PATIENT, PROFILE, driver, host, realtime_emulator, until
+from served import read_samples, sampled
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator, open_bench, stop_bench
-from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.node.registers import State
 from hdbench.devices.wire.address import parse_address
 from hdbench.errors import DeviceError, ProfileError, UsageError
@@ -53,13 +53,19 @@ def _events(record):
     return [json.loads(line) for line in record.read_text().splitlines()]
 
 
+@contextmanager
+def _embedded():
+    """Open an embedded bench; yields it and the number of its node."""
+    others = _emulators(os.getpid())
+    with open_bench(PROFILE) as bench:
+        (node,) = set(_emulators(os.getpid())).difference(others)
+        yield bench, node
+
+
 def test_the_embedded_bench_moves_as_asked_and_ends_safe():
     with open_bench(PROFILE, seed=1) as bench:
         assert bench.identity().simulated
-        bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
-        bench.start()
-        blocks = read_samples(bench, 1000)
-        velocity = np.concatenate([block.tacho_v for block in blocks]) * 56.2565
+        velocity = sampled(bench, AcquisitionSettings(1e-3, 1000, WAVE)).tacho_v * 56.2565
         # a 15 Hz loop has settled to 1e-6 after 0.2 s; 1 mV of tacho noise is 0.06 rad/s
         assert np.mean(velocity[500:]) == pytest.approx(150.0, abs=0.5)
         assert bench.safe_state().confirmed
@@ -71,9 +77,7 @@ def test_the_embedded_bench_moves_as_asked_and_ends_safe():
 def test_killing_the_host_stops_the_motor_within_a_second(tmp_path, guarded):
     """The guard does, and where it was killed before, the node's own watchdog."""
     record = tmp_path / "node.jsonl"
-    with running_emulator(
-        PROFILE, plant="as-modelled", seed=0, pace="realtime", record=record
-    ) as found:
+    with realtime_emulator(PROFILE, record=record) as found:
         with host(found["address"], amplitude_v=WAVE.amplitude_v) as (process, _):
             if not guarded:
                 for pid in _children(process.pid):
@@ -112,9 +116,7 @@ def test_the_embedded_node_stops_the_motor_and_leaves_when_its_host_is_killed(tm
 
 @linux_only
 def test_ctrl_c_does_not_reach_the_embedded_node():
-    others = _emulators(os.getpid())
-    with open_bench(PROFILE) as bench:
-        (node,) = set(_emulators(os.getpid())).difference(others)
+    with _embedded() as (bench, node):
         os.kill(node, signal.SIGINT)
         time.sleep(0.1)
         assert bench.safe_state().confirmed
@@ -122,11 +124,9 @@ def test_ctrl_c_does_not_reach_the_embedded_node():
 
 
 def test_a_lost_node_is_a_device_error_at_once():
-    others = _emulators(os.getpid())
-    with open_bench(PROFILE) as bench:
+    with _embedded() as (bench, node):
         bench.configure(AcquisitionSettings(1e-3, 1_000_000, WAVE))
         bench.start()
-        (node,) = set(_emulators(os.getpid())).difference(others)
         os.kill(node, signal.SIGKILL)
         with pytest.raises(DeviceError):
             read_samples(bench, 1_000_000)
@@ -134,8 +134,8 @@ def test_a_lost_node_is_a_device_error_at_once():
 
 def test_an_unknown_plant_is_named_before_anything_starts():
     bench = open_bench(PROFILE, plant="no-such-plant")
-    with pytest.raises(ProfileError, match="no-such-plant"):
-        bench.__enter__()
+    with pytest.raises(ProfileError, match="no-such-plant"), bench:
+        pass
 
 
 @pytest.mark.parametrize(
@@ -150,26 +150,21 @@ def test_a_wire_that_only_polled_devices_speak_reaches_no_node(address):
 def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, stop):
     record = tmp_path / "states.jsonl"
     words = ["emulate", "--json", "--record", record]
-    process = hdbench_process(words, stdout=PIPE, stderr=PIPE)
-    try:
-        told = json.loads(process.stdout.readline())
-        assert told["schema"] == "hdbench/emulator/1"
-        with open_bench(PATIENT, address=told["address"]) as bench:
-            bench.configure(AcquisitionSettings(1e-3, 50, WAVE))
-            bench.start()
-            read_samples(bench, 50)
-            assert bench.safe_state().confirmed
-        process.send_signal(stop)
-        rest, noise = process.communicate(timeout=60)
-    finally:
-        process.kill()
-        process.communicate()
-    assert process.returncode == 0
-    assert rest == b""
+    with hdbench_process(words, stdout=PIPE, stderr=PIPE) as process:
+        try:
+            told = json.loads(process.stdout.readline())
+            assert told["schema"] == "hdbench/emulator/1"
+            with open_bench(PATIENT, address=told["address"]) as bench:
+                sampled(bench, AcquisitionSettings(1e-3, 50, WAVE))
+                assert bench.safe_state().confirmed
+            process.send_signal(stop)
+            rest, noise = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert (process.returncode, rest) == (0, b"")
     assert b"Traceback" not in noise
     events = [event["event"] for event in _events(record)]
-    assert events[0] == "start"
-    assert events[-1] == "standstill"
+    assert (events[0], events[-1]) == ("start", "standstill")
 
 
 def test_a_seed_out_of_its_domain_is_wrong_usage_as_the_emulator_tells_it():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from daqkit import Clock
 from nodekit import PROFILE, TinyBench
-from served import read_samples
+from served import sampled
 
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
@@ -38,18 +38,12 @@ def test_a_program_is_ramps_holds_and_sines_one_after_the_other() -> None:
 
 def test_the_embedded_bench_puts_out_the_program_and_follows_it() -> None:
     with open_bench(PROFILE, plant="as-modelled", seed=1, address=None, realtime=False) as bench:
-        bench.configure(AcquisitionSettings(0.001, 1150, PROGRAM_OF_FOUR))
-        bench.start()
-        blocks = read_samples(bench, 1150)
-        bench.stop()
+        got = sampled(bench, AcquisitionSettings(0.001, 1150, PROGRAM_OF_FOUR))
         assert bench.safe_state().confirmed
-    put_out, speed = (
-        np.concatenate([getattr(b, name) for b in blocks]) for name in ("reference_v", "tacho_v")
-    )
     # half a code of the converter, and 32-bit floats
-    np.testing.assert_allclose(put_out, program_voltage(PROGRAM_OF_FOUR, 0.001), atol=2e-4)
+    np.testing.assert_allclose(got.reference_v, program_voltage(PROGRAM_OF_FOUR, 0.001), atol=2e-4)
     # the servo has the gain of the tacho and lags by a few time constants of 10 ms
-    assert speed[450:500] == pytest.approx(1.5, abs=0.01)
+    assert got.tacho_v[450:500] == pytest.approx(1.5, abs=0.01)
 
 
 class ProgramBench(TinyBench):

@@ -9,6 +9,7 @@ import pytest
 from forked import ended
 
 from hdbench.devices.driver import drivers, open_daq
+from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.wire.address import parse_address
 from hdbench.drivers.dataq.port import port_path
 from hdbench.errors import UsageError
@@ -33,13 +34,13 @@ def plugins(tmp_path, monkeypatch):
     )
     (tmp_path / "broken_daq.py").write_text("import no_such_module_anywhere\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    group = "hdbench.drivers"
     points = EntryPoints(
-        (
-            EntryPoint("acme", "acme_daq:DRIVER", group),
-            EntryPoint("broken", "broken_daq:DRIVER", group),
-            EntryPoint("number", "acme_daq:number", group),
-            EntryPoint("node", "acme_daq:DRIVER", group),
+        EntryPoint(name, place, "hdbench.drivers")
+        for name, place in (
+            ("acme", "acme_daq:DRIVER"),
+            ("broken", "broken_daq:DRIVER"),
+            ("number", "acme_daq:number"),
+            ("node", "acme_daq:DRIVER"),
         )
     )
     monkeypatch.setattr(installed, "entry_points", lambda **words: points.select(**words))
@@ -114,8 +115,7 @@ def test_a_driver_of_another_package_may_bring_its_own_table(tmp_path):
     for name, text in ACME.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
-    words = [sys.executable, tmp_path / "host.py"]
-    done = ended(words)
+    done = ended([sys.executable, tmp_path / "host.py"])
     assert done.returncode == 0, done.stderr
     rate, schema, problems, *told = done.stdout.splitlines()
     assert (rate, schema) == ("30.0", "True")
@@ -126,10 +126,8 @@ def test_a_driver_of_another_package_may_bring_its_own_table(tmp_path):
 
 def test_no_plugin_takes_the_name_of_a_built_in_driver(plugins):
     assert [info.problem for info in drivers() if info.name == "node"] == ["", "its name is taken"]
-    assert (
-        type(open_daq(PROFILE, PROFILE.daq.model_copy(update={"address": "tcp://h:1"}))).__name__
-        == "NodeDaq"
-    )
+    there = PROFILE.daq.model_copy(update={"address": "tcp://h:1"})
+    assert isinstance(open_daq(PROFILE, there), NodeDaq)
 
 
 def test_the_documents_say_of_each_driver_what_it_was_tested_on():
@@ -145,36 +143,33 @@ def test_an_unknown_driver_is_told_with_the_nearest_name(plugins):
     assert caught.value.fix == "did you mean 'acme'?"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("tcp://h", "tcp://HOST:PORT"),
-        ("h:5", "tcp://HOST:PORT"),
-        ("ftp://h:5", "tcp://HOST:PORT"),
-        ("tcp://:5", "tcp://HOST:PORT"),
-        ("tcp://h:0", "port"),
-        ("tcp://h:99999", "port"),
-        ("tcp://h:1e3", "port"),
-        ("tcp://a b:1", "host name"),
-        ("tls://:802", "host name"),
-        ("tcp://fd00::7:502", "IPv6"),
-        ("rtu://", "serial port"),
-        ("rtu:///dev/../etc/passwd", "serial port"),
-        ("rtu:///dev/a b", "serial port"),
-        ("rtu://ttyUSB0", "serial port"),
-        ("rtu://COM", "such as /dev/ttyUSB0 or COM3"),
-        ("rtu://COM3/..", "serial port"),
-        ("rtu:///dev/ttyUSB0?baud=0", "1200 to 4000000"),
-        ("rtu:///dev/ttyUSB0?baud=fast", "whole number"),
-        ("rtu:///dev/ttyUSB0?parity=mark", "none, even or odd"),
-        ("rtu:///dev/ttyUSB0?stop=3", "1 to 2"),
-        ("rtu:///dev/ttyUSB0?speed=9600", "'speed' is no key"),
-        ("serial:///dev/ttyUSB0", "rtu://"),
-        ("embedded", "rtu://"),
-        ("\x1b[31m", "rtu://"),
+REFUSED_ADDRESSES = {
+    "tcp://HOST:PORT": ["tcp://h", "h:5", "ftp://h:5", "tcp://:5"],
+    "port": ["tcp://h:0", "tcp://h:99999", "tcp://h:1e3"],
+    "host name": ["tcp://a b:1", "tls://:802"],
+    "IPv6": ["tcp://fd00::7:502"],
+    "serial port": [
+        "rtu://", "rtu:///dev/../etc/passwd", "rtu:///dev/a b", "rtu://ttyUSB0", "rtu://COM3/..",
     ],
+    "such as /dev/ttyUSB0 or COM3": ["rtu://COM"],
+    "1200 to 4000000": ["rtu:///dev/ttyUSB0?baud=0"],
+    "whole number": ["rtu:///dev/ttyUSB0?baud=fast"],
+    "none, even or odd": ["rtu:///dev/ttyUSB0?parity=mark"],
+    "1 to 2": ["rtu:///dev/ttyUSB0?stop=3"],
+    "'speed' is no key": ["rtu:///dev/ttyUSB0?speed=9600"],
+    "rtu://": ["serial:///dev/ttyUSB0", "embedded", "\x1b[31m"],
+    "port from 1 to 65535": ["rtu+tcp://10.0.0.7"],
+    "serial port after ascii://": ["ascii://"],
+    "RTU needs 8": ["rtu:///dev/ttyUSB0?bits=7"],
+    "7 to 8": ["ascii:///dev/ttyUSB0?bits=9"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [(words, text) for words, texts in REFUSED_ADDRESSES.items() for text in texts],
 )
-def test_an_address_of_another_form_is_refused(text, words):
+def test_an_address_of_another_form_is_refused(words, text):
     with pytest.raises(UsageError, match=words) as caught:
         parse_address(text)
     assert "\x1b" not in str(caught.value)

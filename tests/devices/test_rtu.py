@@ -4,7 +4,6 @@ import os
 import sys
 import threading
 import time
-import tty
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -17,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nodekit import host
 from pymodbus.client import ModbusSerialClient
-from served import read_all
-from stopwatch import Stopwatch
+from served import acquired, lost, values
+from stopwatch import SLACK_S, fails
 
 from hdbench.devices import lock, stop_bench
 from hdbench.devices.daq import DaqSettings
@@ -37,9 +36,6 @@ from hdbench.system import lines
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 
-# what two cores shared with other work may add to a wait, s
-SLACK_S = 0.5
-
 
 def _driver(address):
     """Open a driver at an address and close it again."""
@@ -51,17 +47,15 @@ def _sampled(address, roles, n_samples):
     """Return the blocks of an acquisition at 1 kHz, read until it is over."""
     with _driver(address) as daq:
         daq.claim()
-        daq.configure(DaqSettings(roles, 1e-3, n_samples, 2.0))
-        daq.start()
-        return read_all(daq)
+        return acquired(daq, DaqSettings(roles, 1e-3, n_samples, 2.0))
 
 
 def test_every_sample_arrives_once():
     with replies.served("rtu") as address:
         blocks = _sampled(address, replies.ROLES, 20_000)
     assert sum(map(len, blocks)) == 20_000
-    assert sum(replies.wrong_samples(block) for block in blocks) == 0
-    assert sum(block.lost_before for block in blocks) == 0
+    assert sum(map(replies.wrong_samples, blocks)) == 0
+    assert lost(blocks) == 0
 
 
 @pytest.mark.parametrize(
@@ -70,24 +64,21 @@ def test_every_sample_arrives_once():
 def test_channels_come_in_the_order_asked_for(roles):
     with replies.served("rtu") as address:
         blocks = _sampled(address, roles, 500)
-    values = np.concatenate([block.values for block in blocks])
     expected = dict(zip(replies.ROLES, replies.codes_of(np.arange(500)), strict=True))
     scale = {"encoder": 1.0, "current": replies.PROFILE.servo.max_current_a / 32768}
-    for column, role in enumerate(roles):
+    for column, role in zip(values(blocks).T, roles, strict=True):
         volts = scale.get(role, replies.PROFILE.daq.range_v / 32768)
-        np.testing.assert_array_equal(values[:, column], expected[role] * volts)
+        np.testing.assert_array_equal(column, expected[role] * volts)
 
 
 def test_another_modbus_client_reads_the_node():
     with replies.served("rtu") as address:
         port = address.removeprefix("rtu://")
-        client = ModbusSerialClient(port, baudrate=115200, timeout=2, retries=0)
-        assert client.connect()
-        reply = client.read_holding_registers(0x0100, count=3)
-        assert reply.registers == [0x0011, 0x2233, 2]
-        refused = client.write_register(0x0100, 1)
-        assert (refused.isError(), refused.exception_code) == (True, 2)
-        client.close()
+        with ModbusSerialClient(port, baudrate=115200, timeout=2, retries=0) as client:
+            reply = client.read_holding_registers(0x0100, count=3)
+            assert reply.registers == [0x0011, 0x2233, 2]
+            refused = client.write_register(0x0100, 1)
+            assert (refused.isError(), refused.exception_code) == (True, 2)
 
 
 def test_a_second_host_finds_the_line_taken():
@@ -122,44 +113,34 @@ def test_no_wrong_sample_comes_through(wire, kind):
 # -- the link by itself ---------------------------------------------------------------------------
 
 
-class _Slave:
-    """A terminal whose other end answers as a function says."""
+@contextmanager
+def _slave(answer):
+    """Yield a terminal whose other end answers as a function says, and what is asked of it."""
+    near, far, path = lines.terminal_pair(blocking=True)
+    ended, requests = threading.Event(), []
+    # its own, whatever a test lets the link read
+    read = os.read
 
-    def __init__(self, answer):
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.path = os.ttyname(self._slave)
-        self.requests = []
-        self._answer = answer
-        # its own, whatever a test lets the link read
-        self._read = os.read
-        self._ended = False
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def _serve(self):
+    def serve():
         waiting = b""
-        while not self._ended:
-            try:
-                request = self._read(self._master, 512)
-            except OSError:
-                return
-            waiting += request
+        while not ended.is_set():
+            waiting += read(near, 512)
             # every request here is a read: eight characters
-            if len(waiting) >= 8 and not self._ended:
-                self.requests.append(waiting)
-                self._answer(waiting, lambda data: os.write(self._master, data))
+            if len(waiting) >= 8 and not ended.is_set():
+                requests.append(waiting)
+                answer(waiting, partial(os.write, near))
                 waiting = b""
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._ended = True
-        os.write(self._slave, b"end")
-        self._thread.join(5)
-        os.close(self._master)
-        os.close(self._slave)
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield path, requests
+    finally:
+        ended.set()
+        os.write(far, b"end")
+        thread.join(5)
+        os.close(near)
+        os.close(far)
 
 
 def _reply(request, *, fill):
@@ -179,27 +160,19 @@ def _probe(number):
 
 @contextmanager
 def _linked(answer=_answer, probe=None, line="baud=115200", check=None):
-    """Yield a slave and a function that reads two registers of it within a time."""
+    """Yield a path, what is asked there, and a function that reads two registers within a time."""
     pdu, own_check = read_registers(7, 2)
-    with _Slave(answer) as slave:
-        link = RtuLink(parse_address(f"rtu://{slave.path}?{line}"), 1, probe)
+    with _slave(answer) as (path, requests):
+        link = RtuLink(parse_address(f"rtu://{path}?{line}"), 1, probe)
 
         def ask(within_s=1.0):
             return link.transact(pdu, check or own_check, time.monotonic() + within_s)
 
-        try:
-            yield slave, ask
-        finally:
-            link.close()
+        with closing(link):
+            yield path, requests, ask
 
 
-@contextmanager
-def _fails(words, within_s):
-    """Expect a call to fail, and in time."""
-    watch = Stopwatch()
-    with pytest.raises(FrameError, match=words):
-        yield
-    assert watch.s < within_s
+_fails = partial(fails, FrameError)
 
 
 def test_a_late_reply_is_never_taken_for_the_next_read():
@@ -211,26 +184,26 @@ def test_a_late_reply_is_never_taken_for_the_next_read():
         fill = next(fills)
         reply = _reply(request, fill=fill)
         # probe, then the first question: its answer comes after its deadline
-        if len(slave.requests) == 2:
+        if fill == 2:
             late.append(threading.Timer(0.15, write, (reply,)))
             late[0].start()
         else:
             write(reply)
 
-    with _linked(answer, _probe) as (slave, ask):
+    with _linked(answer, _probe) as (_, requests, ask):
         with pytest.raises(FrameError, match="in time"):
             ask(0.12)
         reply = ask()
         late[0].join()
     # the answer to the last request of all
-    assert reply[2:] == bytes((0, len(slave.requests))) * 2
+    assert reply[2:] == bytes((0, len(requests))) * 2
 
 
 def test_bytes_that_stand_on_the_line_before_a_request_are_thrown_away():
     def answer(request, write):
         write(_reply(request, fill=3) + b"left over")
 
-    with _linked(answer) as (_, ask):
+    with _linked(answer) as (*_, ask):
         assert [ask()[2:] for _ in range(3)] == [b"\0\3\0\3"] * 3
 
 
@@ -244,7 +217,7 @@ def test_a_reply_to_another_question_is_waited_past():
         if pdu[-1] == 1:
             raise StaleReply
 
-    with _linked(answer, check=check) as (_, ask):
+    with _linked(answer, check=check) as (*_, ask):
         assert ask()[-1] == 2
 
 
@@ -262,8 +235,8 @@ def test_a_reply_to_another_question_is_waited_past():
 )
 def test_a_wrong_reply_ends_in_time_and_is_never_delivered(spoil):
     with (
-        _linked(lambda request, write: write(spoil(_reply(request, fill=1)))) as (_, ask),
-        _fails(None, 0.22 + SLACK_S),
+        _linked(lambda request, write: write(spoil(_reply(request, fill=1)))) as (*_, ask),
+        _fails(within_s=0.22 + SLACK_S),
     ):
         ask(0.2)
 
@@ -275,14 +248,14 @@ def test_a_line_that_is_never_quiet_holds_no_call_beyond_its_deadline():
         while not ended.wait(0.002):
             write(b"\x55" * 8)
 
-    with _linked(babble, _probe) as (slave, ask):
+    with _linked(babble, _probe) as (path, _, ask):
         # something to begin with: the other end babbles after its first request
-        other = os.open(slave.path, os.O_RDWR | os.O_NOCTTY)
+        other = os.open(path, os.O_RDWR | os.O_NOCTTY)
         os.write(other, b"12345678")
         os.close(other)
         time.sleep(0.05)
         for _ in range(2):
-            with _fails(r"quiet|silent|never asked", 0.22 + SLACK_S):
+            with _fails(r"quiet|silent|never asked", within_s=0.22 + SLACK_S):
                 ask(0.2)
         ended.set()
 
@@ -311,16 +284,16 @@ def test_replies_of_before_that_never_end_hold_no_call_beyond_its_deadline():
 
     link = RtuLink(parse_address("rtu:///dev/none?baud=115200"), 1)
     link._io = _Repeater()
-    with _fails("in time", 0.22 + SLACK_S):
+    with _fails("in time", within_s=0.22 + SLACK_S):
         link.transact(read_registers(7, 2)[0], check, time.monotonic() + 0.2)
 
 
 def test_a_line_that_somebody_else_reads_is_not_taken_for_unplugged(monkeypatch):
-    with _linked() as (_, ask):
+    with _linked() as (*_, ask):
         ask()
         # characters have come each time, but another program has taken them
         monkeypatch.setattr(os, "read", lambda *_: b"")
-        with _fails("another program reads from this port", 0.55 + SLACK_S):
+        with _fails("another program reads from this port", within_s=0.55 + SLACK_S):
             ask(0.5)
         monkeypatch.undo()
         assert ask()[2:] == b"\0\1\0\1"
@@ -334,16 +307,16 @@ def test_a_port_that_is_pulled_is_told_at_once():
         ask(time.monotonic() + 0.1)
     puller = threading.Timer(0.1, lambda: [os.close(end) for end in (terminal, master)])
     puller.start()
-    with _fails(r"unplugged|failed", 1.0):
+    with _fails(r"unplugged|failed", within_s=1.0):
         ask(time.monotonic() + 5.0)
     puller.join()
     link.close()
 
 
 def test_a_long_silence_between_frames_holds_no_call_beyond_its_deadline():
-    with _linked(line="baud=9600&gap_us=900000") as (_, ask):
+    with _linked(line="baud=9600&gap_us=900000") as (*_, ask):
         ask(2.0)
-        with _fails("silent", 0.22 + SLACK_S):
+        with _fails("silent", within_s=0.22 + SLACK_S):
             ask(0.2)
 
 
@@ -356,7 +329,7 @@ def test_a_fast_line_keeps_the_processor_awake_while_it_is_open(baud, held, tmp_
     def holders():
         return [p for p in Path("/proc/self/fd").iterdir() if os.path.realpath(p) == str(wishes)]
 
-    with _linked(line=f"baud={baud}") as (_, ask):
+    with _linked(line=f"baud={baud}") as (*_, ask):
         ask(2.0)
         assert len(holders()) == held
     assert holders() == []
@@ -371,10 +344,9 @@ def test_a_line_opens_where_nobody_may_keep_the_processor_awake(tmp_path, monkey
 
 
 def test_the_silence_between_frames_is_kept():
-    settings_ = SerialSettings(baud_bd=9600)
     # 11 bits a character: start, eight, parity, stop
-    assert settings_.silence_s == pytest.approx(3.5 * 11 / 9600)
-    with _linked(line="baud=9600&gap_us=30000") as (_, ask):
+    assert SerialSettings(baud_bd=9600).silence_s == pytest.approx(3.5 * 11 / 9600)
+    with _linked(line="baud=9600&gap_us=30000") as (*_, ask):
         ask()
         start_s = time.monotonic()
         for _ in range(4):
@@ -399,7 +371,7 @@ def test_any_bytes_have_a_length_or_are_no_reply(data):
 def test_the_paced_line_takes_the_time_of_its_characters_and_silences():
     line = SerialSettings(baud_bd=19200)
     sent, received = 8, 5 + 2 * 50
-    with _Slave(_answer) as slave, paced_line(slave.path, line) as path:
+    with _slave(_answer) as (device, _), paced_line(device, line) as path:
         # the slave's own terminal is the device's side; it answers at once
         link = connect(parse_address(f"rtu://{path}", line))
         pdu, check = read_registers(7, 50)

@@ -1,5 +1,6 @@
 """The one way to the safe state: in which order, and what it takes for proof."""
 
+import math
 from dataclasses import dataclass, field
 
 import pytest
@@ -49,12 +50,11 @@ def reach(device, **changes):
 
 
 def test_the_drive_brakes_before_it_is_disabled():
-    clock = Clock()
-    device = Device(clock)
+    device = Device(Clock())
     safe = reach(device)
     assert safe.confirmed
     assert safe.detail == "motor reference zero, drive disabled, motor standing"
-    assert clock.now_s >= device.stopped_s + 0.3
+    assert device.clock.now_s >= device.stopped_s + 0.3
     assert device.done[-1] == "disable"
 
 
@@ -84,10 +84,9 @@ def test_the_profile_may_ask_for_time_to_brake(brake_s):
 def test_a_drive_that_stays_enabled_and_a_speed_that_is_no_number_are_not_confirmed():
     assert reach(Device(Clock(), stuck="enable")).detail == "the drive is still enabled"
     device = Device(Clock())
-    device.look = lambda: Seen(0.0, float("nan"))
-    assert not reach(device).confirmed
-    device.look = lambda: Seen(float("nan"), 0.0)
-    assert not reach(device).confirmed
+    for seen in (Seen(0.0, math.nan), Seen(math.nan, 0.0)):
+        device.look = lambda seen=seen: seen
+        assert not reach(device).confirmed
 
 
 def test_a_device_that_measures_no_speed_does_not_say_that_the_motor_stands():

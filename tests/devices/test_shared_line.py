@@ -1,6 +1,5 @@
 """A stop on a serial line that another host has not left yet: its guard, or its late replies."""
 
-import os
 import sys
 import threading
 
@@ -11,12 +10,10 @@ from serial import Serial
 
 from hdbench.devices import stop_bench
 from hdbench.devices.emulator.node import build_core
-from hdbench.devices.guard.process.stopping import Wire
 from hdbench.devices.node import registers as reg
 from hdbench.devices.node.access import span
 from hdbench.devices.wire.link import read_registers
-from hdbench.errors import BusyError, DeviceError
-from hdbench.system.lines import open_port
+from hdbench.errors import DeviceError
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 
@@ -63,25 +60,3 @@ def test_a_port_that_is_not_there_is_told_at_once(monkeypatch):
     monkeypatch.setattr("hdbench.devices.opening._OTHERS_S", 600.0)
     with pytest.raises(DeviceError, match="serial port failed"):
         stop_bench(replies.PROFILE, address="rtu:///dev/no-such-port")
-
-
-def test_a_guard_whose_session_is_dead_has_the_line_for_itself_while_it_works():
-    near, far = os.openpty()
-    path = os.ttyname(far)
-    place = {
-        "scheme": "rtu", "path": path, "host": "", "port": 0, "unit": 1, "rest_s": 0.0, "tls": None,
-        "serial": {"baud_bd": 115200, "parity": "N", "stop_bits": 1, "gap_s": None},
-    }  # fmt: skip
-    wire = Wire(place, alone=True)
-    try:
-        # nobody answers, and the port stays open
-        with pytest.raises(Exception, match="no valid reply"):
-            wire.transact(("0300000001", {"head": "0302", "size": 4, "spare_bits": 0}))
-        with pytest.raises(BusyError):
-            open_port(path, path, baud_bd=115200)
-        wire.close()
-        open_port(path, path, baud_bd=115200).close()
-    finally:
-        wire.close()
-        os.close(near)
-        os.close(far)

@@ -1,14 +1,14 @@
 """Anybody can stop any bench, with or without a run on it."""
 
-import time
-from contextlib import ExitStack, closing
+from contextlib import closing, contextmanager
 
 import pytest
 from changing import with_keys
+from nodekit import realtime_emulator
+from served import read_samples
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.driver import open_daq
-from hdbench.devices.emulator.process import running_emulator
 from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
@@ -16,34 +16,30 @@ from hdbench.profile.schema import ReferenceWave
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
+@contextmanager
+def emulated(name):
+    """Emulate a bench in real time; yields its profile, patient as it may be."""
+    data = load_profile(name).data
+    with realtime_emulator(data) as found:
+        yield opening._at(data, found, deadline_s=0.9)
+
+
 @pytest.mark.parametrize("name", ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000"])
 def test_a_bench_that_nobody_runs_is_stopped_and_confirmed(name):
-    data = load_profile(name).data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        safe = stop_bench(opening._at(data, found, deadline_s=0.9))
+    with emulated(name) as there:
+        safe = stop_bench(there)
     assert safe.confirmed, safe.detail
     assert abs(safe.velocity_rad_s) < 0.5
 
 
-def test_a_labjack_that_another_session_drives_is_stopped(tmp_path):
-    data = load_profile("labjack-t7").data
-    with ExitStack() as stack:
-        found = stack.enter_context(
-            running_emulator(data, plant="as-modelled", seed=0, pace="realtime")
-        )
-        there = opening._at(data, found, deadline_s=0.9)
-        bench = stack.enter_context(open_bench(there))
+def test_a_labjack_that_another_session_drives_is_stopped():
+    with emulated("labjack-t7") as there, open_bench(there) as bench:
         bench.configure(AcquisitionSettings(2e-3, 100_000, WAVE))
         bench.start()
-        taken = 0
-        until_s = time.monotonic() + 10.0
-        while taken < 200 and time.monotonic() < until_s:
-            block = bench.read_block()
-            taken += len(block) if block else 0
+        read_samples(bench, 200)
         bench.fall_silent()
         safe = stop_bench(there)
         bench.safe_state()
-    assert taken >= 200
     assert safe.confirmed, safe.detail
 
 
@@ -55,26 +51,23 @@ def test_the_embedded_bench_has_nobody_else_to_stop_it():
 @pytest.mark.parametrize("what", ["port", "name", "line"])
 def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, tmp_path, monkeypatch):
     """No such port, a name server that is down, a frozen run on the line: the motor stops."""
-    data = load_profile("di-2108-ek9000").data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        there = opening._at(data, found, deadline_s=0.9)
+    with emulated("di-2108-ek9000") as there:
         if what == "port":
             gone = there.daq.inputs.model_copy(update={"address": f"serial://{tmp_path}/gone"})
             there = with_keys(there, daq={"inputs": gone})
-        inputs = there.daq.inputs.address
 
-        def number(address):
-            if address == inputs and what == "name":
-                raise DeviceError("the host name is not known", where=address, fix="correct it")
-            return address
+        def failing(works, error):
+            def call(address):
+                if address == there.daq.inputs.address:
+                    raise error("cannot be had", where=address, fix="mend it")
+                return works(address)
 
-        def release(address):
-            if address == inputs and what == "line":
-                raise BusyError("a run that does not end has it", where=address, fix="kill it")
+            return call
 
-        if what != "port":
-            monkeypatch.setattr(opening, "numbered", number)
-            monkeypatch.setattr(opening, "release", release)
+        if what == "name":
+            monkeypatch.setattr(opening, "numbered", failing(opening.numbered, DeviceError))
+        if what == "line":
+            monkeypatch.setattr(opening, "release", failing(opening.release, BusyError))
         safe = stop_bench(there)
     assert safe.reference_v == pytest.approx(0.0, abs=0.01)
     assert "but" in safe.detail
@@ -83,9 +76,7 @@ def test_whatever_keeps_the_inputs_away_the_outputs_are_stopped(what, tmp_path, 
 
 def test_outputs_stand_before_anybody_waits_for_the_line_of_the_inputs(monkeypatch):
     """A frozen run gives the line up after six seconds, or never."""
-    data = load_profile("di-2108-ek9000").data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
-        there = opening._at(data, found, deadline_s=0.9)
+    with emulated("di-2108-ek9000") as there:
         seen = []
 
         def release(address):

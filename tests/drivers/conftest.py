@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(TESTS / "devices"), str(TESTS.parent / "tools")]
+HELPERS = ("tests/devices", "tests/drivers/dataq", "tests/drivers/labjack", "tools")
+sys.path[:0] = [str(Path(__file__).parents[2] / folder) for folder in HELPERS]
 
 from forked import warm_emulators  # noqa: E402, F401
 from leftovers import nothing_stays_open, patient_control  # noqa: E402, F401

@@ -20,6 +20,8 @@ from hdbench.profile.acquiring_modbus import ModbusAcquisition
 BENCH = load_profile("cim-tr-97-06").data
 COUPLER = load_profile("di-2108-ek9000").data.daq.outputs
 TORQUE = {"role": "torque", "address": 10, "type": "f32"}
+KNOWN = {"address": 1, "type": "u16", "equals": 4660}
+OUTPUT = {"address": 50, "type": "i16", "scale": 0.001, "limit_v": 5.0}
 
 
 def table(**keys: Any) -> ModbusAcquisition:
@@ -43,11 +45,15 @@ class Served(InThread):
         """Requests that write."""
         return [pdu for pdu in self.requests if pdu[0] in (5, 6, 15, 16)]
 
+    def torque_v(self) -> float:
+        """Return what stands at the terminal of the torque."""
+        return self.call(lambda: float(self.instrument.look().volts["torque"][-1]))
+
 
 @contextmanager
-def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Iterator[Served]:
+def served(what: ModbusAcquisition, *, wire: Wire = "tcp") -> Iterator[Served]:
     """Serve a device; every request it hears is kept."""
-    instrument = Emulation(BENCH, "as-modelled", seed).instrument
+    instrument = Emulation(BENCH, "as-modelled", 3).instrument
     device = ModbusDevice(instrument, what, amperes_per_v=1.0)
     server = ModbusServer(device, wire)
     with in_thread(server.open, server.close) as (loop, address):

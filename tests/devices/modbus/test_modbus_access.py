@@ -1,52 +1,22 @@
 """Deadlines of a transaction, on a clock that goes when told."""
 
-import struct
-
 import pytest
+from daqkit import ScriptedLine
 from modbuskit import table
 
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.registers import Register
-from hdbench.devices.wire.link import ExceptionReply, FrameError
+from hdbench.devices.wire.link import FrameError
 from hdbench.errors import DeviceError, ProfileError
 
 PLACE = Register("holding 7", 7, "u16")
 DEADLINE_S = 0.2
 
 
-class Line:
-    """A wire and its clock: `script` says what becomes of each request, then it is silent."""
-
-    where = "tcp://nobody:502"
-    opened = None
-
-    def __init__(self, *script):
-        self.now_s = 50.0
-        self.sent_s = []
-        self.script = list(script)
-
-    def transact(self, pdu, check, until_s):
-        self.sent_s.append(self.now_s)
-        act = self.script.pop(0) if self.script else "silent"
-        if act == "silent":
-            self.now_s = max(self.now_s, until_s)
-            raise FrameError("no valid reply in time")
-        self.now_s += 0.001
-        if isinstance(act, int):
-            raise ExceptionReply(act)
-        if act == "broken":
-            raise FrameError("the checksum of the reply is wrong")
-        return bytes((pdu[0], 2)) + struct.pack(">H", 4242)
-
-    def close(self):
-        pass
-
-    def sleep(self, seconds):
-        self.now_s += max(0.0, seconds)
-
+class Line(ScriptedLine):
     def access(self, *, min_gap_s=0.0, **keys):
         made = table(deadline_s=DEADLINE_S, min_gap_s=min_gap_s)
-        return Access(self, made, clock=lambda: self.now_s, sleep=self.sleep, **keys)
+        return Access(self, made, clock=self, sleep=self.sleep, **keys)
 
 
 @pytest.mark.parametrize("numbered", [True, False])
@@ -108,15 +78,13 @@ def test_a_busy_device_is_asked_again_and_a_missing_register_is_not():
     line = Line(6, 5, "good")
     assert line.access().read([PLACE]) == [4242]
     assert len(line.sent_s) == 3
-    for code in (1, 2, 3):
+    refusals = {code: (ProfileError, f"exception {code}") for code in (1, 2, 3)}
+    refusals[4] = (DeviceError, "device failure")
+    for code, (error, words) in refusals.items():
         line = Line(code)
-        with pytest.raises(ProfileError, match=f"exception {code}"):
+        with pytest.raises(error, match=words):
             line.access().read([PLACE])
         assert len(line.sent_s) == 1
-    line = Line(4)
-    with pytest.raises(DeviceError, match="device failure"):
-        line.access().read([PLACE])
-    assert len(line.sent_s) == 1
 
 
 def test_a_device_gets_its_rest_between_two_requests():

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from modbuskit import BENCH as PROFILE
-from modbuskit import TORQUE, driver, served, table
-from stopwatch import Stopwatch
+from modbuskit import KNOWN, OUTPUT, TORQUE, driver, served, table
+from stopwatch import fails
 
 from hdbench.devices.guard.order import as_json, order_of
 from hdbench.devices.guard.process.stopping import make_safe, note_identity
@@ -21,11 +21,10 @@ from hdbench.devices.modbus.replies import StrictClient, polled_link
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import ExceptionReply, FrameError, read_registers, write_register
 from hdbench.devices.wire.rtu import crc16
-from hdbench.errors import DeviceError, UsageError
+from hdbench.errors import DeviceError
 
 WIRES = ("tcp", "udp", "rtu+tcp", "rtu", "ascii")
-KNOWN = {"address": 1, "type": "u16", "equals": 4660}
-OUTPUT = {"address": 50, "type": "i16", "scale": 0.001, "limit_v": 5.0}
+
 BENCH = table(identify=(KNOWN,), output=OUTPUT, channels=(TORQUE,))
 # what a scheduler adds to a deadline, s
 SLACK_S = 0.3
@@ -33,14 +32,19 @@ READ, CHECK = read_registers(7, 2)
 REPLY = bytes.fromhex("0304 0102 0304".replace(" ", ""))
 
 
+def stopping(found, **changes):
+    """Return the guard's order to stop a device, as its process reads it."""
+    daq = BENCH.model_copy(update={"address": found.address, **changes})
+    return json.loads(as_json(stop_target(PROFILE, daq)))
+
+
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_device_is_read_driven_and_made_safe_on_every_wire(wire):
     with served(BENCH, wire=wire) as found, driver(BENCH, found.address) as daq:
         assert found.address.startswith(f"{wire}://")
         assert daq.identity().simulated
-        true = found.call(lambda: float(found.instrument.look().volts["torque"][-1]))
         # noise is 8 mV, eight of its deviations
-        assert daq.snapshot()["torque"] == pytest.approx(true, abs=0.08)
+        assert daq.snapshot()["torque"] == pytest.approx(found.torque_v(), abs=0.08)
         assert daq.write_output("reference", 1.234) == pytest.approx(1.234)
         assert found.instrument.reference_v == pytest.approx(1.234)
         # sent once, and the same bytes on every wire
@@ -50,9 +54,7 @@ def test_a_device_is_read_driven_and_made_safe_on_every_wire(wire):
         daq.write_output("reference", 2.0)
         # a serial line has one master at a time
         daq.close()
-        target = json.loads(
-            as_json(stop_target(PROFILE, BENCH.model_copy(update={"address": found.address})))
-        )
+        target = stopping(found)
         note_identity(target)
         assert make_safe(target, alone=True) == ""
         assert found.instrument.reference_v == 0.0
@@ -71,13 +73,10 @@ def test_a_device_is_read_driven_and_made_safe_on_every_wire(wire):
 )
 def test_the_guard_knows_a_device_by_every_rule_and_writes_to_no_other(rule, value, known):
     place = {"address": 3, "type": "u16"}
-    device = BENCH.model_copy(
-        update={"identify": table(identify=({**place, "equals": value},)).identify}
-    )
-    with served(device) as found:
+    identify = table(identify=({**place, "equals": value},)).identify
+    with served(BENCH.model_copy(update={"identify": identify})) as found:
         rules = table(identify=(KNOWN, {**place, **rule})).identify[1:]
-        at = BENCH.model_copy(update={"address": found.address, "identify": rules})
-        target = json.loads(as_json(stop_target(PROFILE, at)))
+        target = stopping(found, identify=rules)
         if known:
             note_identity(target)
             assert make_safe(target, alone=True) == ""
@@ -93,10 +92,8 @@ def test_a_device_that_is_silent_ends_a_call_at_its_deadline(wire):
     with served(BENCH, wire=wire) as found, driver(BENCH, found.address, deadline_s=0.8) as daq:
         daq.identity()
         found.call(lambda: setattr(found.device, "hears", lambda _: False))
-        watch = Stopwatch()
-        with pytest.raises(DeviceError, match="no valid reply in time"):
+        with fails(DeviceError, "no valid reply in time", within_s=0.8 + SLACK_S):
             daq.snapshot()
-        assert watch.s < 0.8 + SLACK_S
         found.call(lambda: delattr(found.device, "hears"))
         assert "torque" in daq.snapshot()
 
@@ -108,11 +105,8 @@ def test_a_device_that_hangs_up_is_told_at_once_and_found_again(wire):
         reply = link.transact(*read_registers(1, 1), time.monotonic() + 2.0)
         assert reply == bytes.fromhex("03021234")
         found.call(found.server.hang_up)
-        start_s = time.monotonic()
-        watch = Stopwatch()
-        with pytest.raises(FrameError, match=r"closed|reset"):
-            link.transact(*read_registers(1, 1), start_s + 5.0)
-        assert watch.s < 1.0
+        with fails(FrameError, r"closed|reset", within_s=1.0):
+            link.transact(*read_registers(1, 1), time.monotonic() + 5.0)
         assert link.transact(*read_registers(1, 1), time.monotonic() + 2.0) == reply
         link.close()
 
@@ -130,19 +124,19 @@ def framed(form, pdu, *, number=1, unit=1):
     return struct.pack(">HHH", number, 0, len(body)) + body
 
 
-def deaf(line, frame, until_s):
-    """Send nothing."""
-
-
 def given_pieces(line, until_s):
     if not line:
         raise FrameError("no valid reply in time")
     return line.pop(0)
 
 
-def ask(form, *pieces, check=CHECK):
+def client(form, put=lambda line, frame, until_s: None, unit=1):
+    return StrictClient(form, unit, put, given_pieces)
+
+
+def ask(form, *pieces):
     """Return what a client makes of pieces that come one after the other, then nothing."""
-    return StrictClient(form, 1, deaf, given_pieces).ask(list(pieces), READ, check, 0.0)
+    return client(form).ask(list(pieces), READ, CHECK, 0.0)
 
 
 FORMS = ("socket", "rtu", "ascii")
@@ -186,8 +180,7 @@ def test_a_changed_bit_that_a_frame_can_show_is_never_delivered(form, data):
     at = data.draw(st.integers(0, 8 * last - 1))
     frame[at // 8] ^= 1 << at % 8
     # the form of a letter tells nothing
-    same = form == "ascii" and bytes(frame).upper() == framed(form, REPLY)
-    if same:
+    if form == "ascii" and frame.upper() == framed(form, REPLY):
         assert ask(form, bytes(frame)) == REPLY
         return
     with pytest.raises(FrameError):
@@ -215,28 +208,22 @@ def test_replies_of_other_transactions_and_units_are_passed_over():
 
 def test_what_stands_behind_a_reply_is_read_before_what_comes():
     """Half a duplicate left on a stream must not put the next reply out of step."""
-    client = StrictClient("socket", 1, deaf, given_pieces)
+    asking = client("socket").ask
     first, second = framed("socket", REPLY), framed("socket", b"\x03\x04\0\0\0\5", number=2)
     pieces = [first + first[:8], first[8:] + second]
-    assert client.ask(pieces, READ, CHECK, 0.0) == REPLY
-    assert client.ask(pieces, READ, CHECK, 0.0)[-1] == 5
+    assert asking(pieces, READ, CHECK, 0.0) == REPLY
+    assert asking(pieces, READ, CHECK, 0.0)[-1] == 5
     assert pieces == []
 
 
 def test_a_request_goes_out_once_and_to_the_byte():
     sent = []
-
-    def put(line, frame, until_s):
-        sent.append(frame)
-
     for form in FORMS:
+        asking = client(form, lambda _, frame, __: sent.append(frame), unit=17).ask
         with pytest.raises(FrameError):
-            StrictClient(form, 17, put, given_pieces).ask([], *write_register(1, 3), 0.0)
+            asking([], *write_register(1, 3), 0.0)
     # the second and third example: "MODBUS over Serial Line" V1.02, 2.5.1 and 2.5.2.2
-    assert [frame.hex() for frame in sent[:2]] == [
-        "00010000000611" + "0600010003",
-        "11060001000" + "39a9b",
-    ]
+    assert [frame.hex() for frame in sent[:2]] == ["000100000006110600010003", "1106000100039a9b"]
     assert sent[2] == b":110600010003E5\r\n"
 
 
@@ -257,20 +244,6 @@ def test_a_piece_of_a_datagram_is_no_reply():
         assert link.transact(READ, CHECK, time.monotonic() + 2.0) == REPLY
         link.close()
         thread.join(5)
-
-
-@pytest.mark.parametrize(
-    ("address", "words"),
-    [
-        ("rtu+tcp://10.0.0.7", "port from 1 to 65535"),
-        ("ascii://", "serial port after ascii://"),
-        ("rtu:///dev/ttyUSB0?bits=7", "RTU needs 8"),
-        ("ascii:///dev/ttyUSB0?bits=9", "7 to 8"),
-    ],
-)
-def test_an_address_that_cannot_work_is_refused(address, words):
-    with pytest.raises(UsageError, match=words):
-        parse_address(address)
 
 
 def test_the_ascii_form_has_seven_bits_unless_told():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from served import read_samples
+from served import sampled
 
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
@@ -29,6 +29,7 @@ time = { address = 44385 }
 tripped = { address = 44129, equals = 0 }
 """
 MODICON = 'numbering = "modicon"\n'
+ALL = COMMON + MODICON + CHANNEL + KNOWN + OUTPUT + WATCHDOG
 
 
 def problems(daq):
@@ -49,16 +50,8 @@ def problems(daq):
         (COMMON + CHANNEL.replace("40001", "70000"), "0 to 65535"),
         (COMMON + MODICON + CHANNEL + OUTPUT, "that nothing identifies"),
         (COMMON + MODICON + CHANNEL + KNOWN.replace("equals = 7\n", ""), "what it must read"),
-        (COMMON + MODICON + CHANNEL + KNOWN + OUTPUT + WATCHDOG, "whose writing moves nothing"),
-        (
-            COMMON
-            + MODICON
-            + CHANNEL
-            + KNOWN
-            + OUTPUT
-            + WATCHDOG.replace('["reference"]', '["enable"]'),
-            "no [daq.output.enable]",
-        ),
+        (ALL, "whose writing moves nothing"),
+        (ALL.replace('["reference"]', '["enable"]'), "no [daq.output.enable]"),
         (COMMON + "max_read_registers = 1\n" + CHANNEL + 'type = "f32"\n', "takes 2 registers"),
         (COMMON + MODICON + KNOWN + OUTPUT + 'type = "f32"\nfunction = 6\n', "writes one register"),
         (COMMON + CHANNEL.replace("torque", "encoder") + "scale = 0.5\n", "polled in counts"),
@@ -82,17 +75,14 @@ def test_a_ready_bench_measures_a_weight(name):
     with open_bench(profile, seed=4) as bench:
         fixture = {"locked": True, "position_rad": 0.0, "mass_kg": 0.0, "direction": 1}
         bench.simulation.set(fixture=fixture)
-        readings = {}
+        means_v = []
         for mass_kg in (0.0, 4.0):
             bench.simulation.set(fixture={**fixture, "mass_kg": mass_kg})
-            bench.configure(AcquisitionSettings(0.1, 8, None))
-            bench.start()
-            volts = np.concatenate([block.torque_v for block in read_samples(bench, 8)])
-            bench.stop()
-            readings[mass_kg] = np.mean(volts[-4:])
+            volts = sampled(bench, AcquisitionSettings(0.1, 8, None)).torque_v
+            means_v.append(np.mean(volts[-4:]))
         assert bench.safe_state().confirmed
     # 4 kg on 0.5 m at 6.6 N m/V; the weight may still swing, and a position has its own gain
-    assert readings[4.0] - readings[0.0] == pytest.approx(4 * 0.5 * 9.8065 / 6.6, rel=0.2)
+    assert means_v[1] - means_v[0] == pytest.approx(4 * 0.5 * 9.8065 / 6.6, rel=0.2)
 
 
 @pytest.mark.parametrize("name", ["seneca-z-sg", "laumas-tlb4", "adam-6024"])
@@ -107,17 +97,10 @@ def test_a_composite_moves_the_motor_and_stops_it():
     profile = load_profile("di-2108-ek9000")
     wave = ReferenceWave(wave="constant", amplitude_v=1.0)
     with open_bench(profile, seed=4) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 1500, wave))
-        bench.start()
-        blocks = read_samples(bench, 1500)
-        bench.stop()
+        got = sampled(bench, AcquisitionSettings(1e-3, 1500, wave))
         safe = bench.safe_state()
-    tacho_v, counts = (
-        np.concatenate([getattr(b, name) for b in blocks]) for name in ("tacho_v", "encoder_count")
-    )
-    speed = tacho_v * profile.data.tacho.gain_rad_s_per_v
+    speed = got.tacho_v * profile.data.tacho.gain_rad_s_per_v
     assert max(speed) == pytest.approx(56.3, rel=0.05)
-    assert counts[-1] - counts[0] == pytest.approx(
-        sum(speed) * 1e-3 * profile.data.encoder.counts_per_turn / 6.283185, abs=40
-    )
+    turned = sum(speed) * 1e-3 * profile.data.encoder.counts_per_turn / 6.283185
+    assert got.encoder_count[-1] - got.encoder_count[0] == pytest.approx(turned, abs=40)
     assert (safe.confirmed, safe.reference_v) == (True, 0.0)

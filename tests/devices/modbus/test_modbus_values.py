@@ -33,11 +33,10 @@ def test_the_four_orders_are_those_of_their_letters(order, wire):
 def test_another_library_reads_the_same_values(kind, word_order):
     names = {"i": "INT", "u": "UINT", "f": "FLOAT"}
     data = getattr(ModbusClientMixin.DATATYPE, names[kind[0]] + kind[1:])
-    order = "ABCD" if word_order == "big" else "CDAB"
-    raw = encode(-1234.0 if kind[0] != "u" else 1234.0, kind, order)
+    value = 1234.0 if kind[0] == "u" else -1234.0
+    raw = encode(value, kind, "ABCD" if word_order == "big" else "CDAB")
     words = list(struct.unpack(f">{size_of(kind)}H", raw))
-    found = ModbusClientMixin.convert_from_registers(words, data, word_order=word_order)
-    assert found == (-1234.0 if kind[0] != "u" else 1234.0)
+    assert ModbusClientMixin.convert_from_registers(words, data, word_order=word_order) == value
 
 
 @given(st.sampled_from(KINDS), st.sampled_from(ORDERS), st.binary(min_size=8, max_size=8))
@@ -77,21 +76,14 @@ def _place(start, kind="u16", space="holding"):
 
 
 def test_adjacent_values_come_in_one_request_and_others_do_not():
-    places = [
-        _place(4, "f32"),
-        _place(0, "f32"),
-        _place(2, "f32"),
-        _place(7),
-        _place(0, "u16", "input"),
-    ]
-    blocks = plan_blocks(places, most=125, bridge=0)
-    assert [(b.space, b.start, b.size) for b in blocks] == [
-        ("holding", 0, 6),
-        ("holding", 7, 1),
-        ("input", 0, 1),
-    ]
-    bridged = plan_blocks(places, most=125, bridge=1)
-    assert [(b.space, b.start, b.size) for b in bridged] == [("holding", 0, 8), ("input", 0, 1)]
+    places = [*(_place(n, "f32") for n in (4, 0, 2)), _place(7), _place(0, "u16", "input")]
+
+    def planned(bridge):
+        blocks = plan_blocks(places, most=125, bridge=bridge)
+        return [(block.space, block.start, block.size) for block in blocks]
+
+    assert planned(0) == [("holding", 0, 6), ("holding", 7, 1), ("input", 0, 1)]
+    assert planned(1) == [("holding", 0, 8), ("input", 0, 1)]
 
 
 @pytest.mark.parametrize("most", [2, 5, 32, 125])

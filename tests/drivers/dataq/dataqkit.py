@@ -23,13 +23,10 @@ ROLES = ("torque", "tacho", "current", "reference")
 def table(model: str = "DI-2108", roles: tuple[str, ...] = ROLES, **keys: Any) -> DataqAcquisition:
     """Return a table with one input per role."""
     range_v = keys.pop("range_v", 5.0 if model == "DI-4718B" else 10.0)
+    inputs = ("counter" if role == "encoder" else f"analog {n}" for n, role in enumerate(roles))
     channels = tuple(
-        {
-            "role": role,
-            "input": "counter" if role == "encoder" else f"analog {number}",
-            "range_v": range_v,
-        }
-        for number, role in enumerate(roles)
+        {"role": role, "input": place, "range_v": range_v}
+        for role, place in zip(roles, inputs, strict=True)
     )
     return DataqAcquisition.model_validate(
         {"driver": "dataq", "model": model, "sample_period_s": 0.001, "channels": channels, **keys}
@@ -47,9 +44,9 @@ class Served(InThread):
 
 
 @contextmanager
-def served(what: DataqAcquisition, *, speed: float = 1.0, seed: int = 3) -> Iterator[Served]:
+def served(what: DataqAcquisition, *, speed: float = 1.0) -> Iterator[Served]:
     """Serve an instrument on a pseudo-terminal."""
-    emulation = Emulation(BENCH, "as-modelled", seed)
+    emulation = Emulation(BENCH, "as-modelled", 3)
     emulation.speed = speed
     instrument, line = emulation.instrument, emulate_dataq(emulation, what)
     with in_thread(lambda: line.open(EmulatorSettings()), line.close) as (loop, found):

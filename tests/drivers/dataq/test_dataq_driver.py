@@ -3,6 +3,7 @@
 import os
 import time
 from functools import partial
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from dataqkit import BENCH, ROLES, driver, served, settings, table
 from faults.lines import faulty_serial
 from faults.mangler import Mangler, RawFraming
 from nodekit import until
-from served import read_all
+from served import acquired, given, lost, read_all, values
 
 from hdbench.drivers.dataq import port as serial_port
 from hdbench.drivers.dataq.port import Commands, Port
@@ -19,25 +20,15 @@ from hdbench.errors import BusyError, DeviceError
 from hdbench.system.lines import terminal_pair
 
 
-def keep_reading(daq, blocks):
-    until_s = time.monotonic() + 60.0
-    while time.monotonic() < until_s:
-        block = daq.read_block()
-        if block is not None:
-            blocks.append(block)
-
-
 def test_every_sample_of_a_stream_arrives_in_order_at_its_rate():
     with served(table(), speed=4.0) as found, driver(table(), found.address) as daq:
         assert daq.configure(settings(4000)) == pytest.approx(1e-3)
         daq.start()
         blocks = read_all(daq)
-    index = 0
-    for block in blocks:
-        assert (block.first_index, block.lost_before) == (index, 0)
-        index += len(block)
-    assert index == 4000
-    torque = np.concatenate([block.values for block in blocks])[:, 0]
+    firsts = np.cumsum([0, *map(len, blocks)])
+    assert [block.first_index for block in blocks] == firsts[:-1].tolist()
+    assert (firsts[-1], lost(blocks)) == (4000, 0)
+    torque = values(blocks)[:, 0]
     # white noise of 7.6 mV: one sample given twice or one mean for all would not have it
     assert np.std(torque) == pytest.approx(0.05 / 6.6, rel=0.1)
     assert len(np.unique(torque)) > 50
@@ -49,33 +40,30 @@ def test_every_model_streams_what_stands_at_its_terminals(model):
     made = table(model, roles)
     with served(made, speed=2.0) as found, driver(made, found.address) as daq:
         found.call(lambda: found.instrument.write_reference(1.25))
-        daq.configure(settings(300, roles=roles))
-        daq.start()
-        values = np.concatenate([block.values for block in read_all(daq)])
+        read = values(acquired(daq, settings(300, roles=roles)))
         assert daq.identity().model == model
     step = 2.0 * made.channels[0].range_v / (1 << MODELS[model].bits)
-    assert np.allclose(values[5:, 2], 1.25, atol=step)
+    assert np.allclose(read[5:, 2], 1.25, atol=step)
     # tacho at rest: 1 mV of noise
-    assert abs(np.mean(values[:, 1])) < step + 1e-3
+    assert abs(np.mean(read[:, 1])) < step + 1e-3
 
 
 def test_a_slow_di_2008_is_slow():
-    made = table("DI-2008", ("torque", "tacho"))
+    roles = ("torque", "tacho")
+    made = table("DI-2008", roles)
     with served(made) as found, driver(made, found.address) as daq:
         assert daq.capabilities().max_rate_hz(2) == pytest.approx(800 / 3 / 4)
-        daq.configure(settings(10, 0.03, ("torque", "tacho")))
+        daq.configure(settings(10, 0.03, roles))
         start_s = time.monotonic()
         daq.start()
-        assert sum(len(block) for block in read_all(daq)) == 10
+        assert sum(map(len, read_all(daq))) == 10
         assert time.monotonic() - start_s > 0.25
 
 
 def test_an_average_is_one_of_the_instrument():
     made = table("DI-4108", average=10)
     with served(made, speed=2.0) as found, driver(made, found.address) as daq:
-        daq.configure(settings(2000))
-        daq.start()
-        torque = np.concatenate([block.values for block in read_all(daq)])[:, 0]
+        torque = values(acquired(daq, settings(2000)))[:, 0]
     # the mean of ten samples has a third of their noise
     assert np.std(torque) == pytest.approx(0.05 / 6.6 / np.sqrt(10), rel=0.1)
 
@@ -90,11 +78,9 @@ def test_another_model_is_refused_before_anything_is_set():
 def test_a_port_is_open_for_one_program_only():
     with served(table()) as found, driver(table(), found.address) as one:
         one.identity()
-        with (
-            driver(table(), found.address) as other,
-            pytest.raises(BusyError, match="another program"),
-        ):
-            other.identity()
+        other = driver(table(), found.address)
+        with other as daq, pytest.raises(BusyError, match="another program"):
+            daq.identity()
 
 
 def test_it_drives_nothing_and_says_so():
@@ -113,7 +99,7 @@ def test_a_snapshot_reads_the_terminals_and_a_run_goes_on_after_it():
         daq.configure(settings(50))
         daq.start()
         assert daq.snapshot() == {}
-        assert sum(len(block) for block in read_all(daq)) == 50
+        assert sum(map(len, read_all(daq))) == 50
         assert daq.snapshot()["reference"] == pytest.approx(2.0, abs=1e-3)
 
 
@@ -123,8 +109,7 @@ def test_a_stream_that_a_dead_host_left_is_stopped_first():
         with driver(table(), found.address) as first:
             first.configure(settings(100_000))
             first.start()
-            while first.read_block() is None:
-                pass
+            next(given(first))
         assert found.device.scanning
         with driver(table(), found.address) as second:
             assert second.identity().model == "DI-2108"
@@ -154,14 +139,11 @@ def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(fault):
         found.call(lambda: found.instrument.write_reference(3.0))
         daq.configure(settings(100_000))
         daq.start()
-        blocks = []
-        while len(blocks) < 5:
-            blocks += [block for block in (daq.read_block(),) if block is not None]
+        blocks = list(islice(given(daq), 5))
         found.call(lambda: fault(found.device))
         with pytest.raises(DeviceError, match="is marked 0x"):
-            keep_reading(daq, blocks)
-    values = np.concatenate([block.values for block in blocks])
-    assert np.allclose(values[5:, 3], 3.0, atol=1e-3)
+            read_all(daq, blocks)
+    assert np.allclose(values(blocks)[5:, 3], 3.0, atol=1e-3)
 
 
 def test_a_host_that_does_not_read_is_told_of_the_overflow():
@@ -171,7 +153,7 @@ def test_a_host_that_does_not_read_is_told_of_the_overflow():
         tick = found.device.tick
         found.call(lambda: setattr(found.device, "tick", lambda *, blocked: tick(blocked=True)))
         with pytest.raises(DeviceError, match="buffer ran over after"):
-            keep_reading(daq, [])
+            read_all(daq)
 
 
 @pytest.mark.parametrize(
@@ -204,11 +186,8 @@ def test_spoilt_echoes_never_pass_for_a_setting(kind):
 
 
 def test_a_port_that_is_not_there_is_told():
-    daq_table = table()
-    with (
-        driver(daq_table, "serial:///dev/hdbench-none") as daq,
-        pytest.raises(DeviceError, match="cannot be opened"),
-    ):
+    nowhere = driver(table(), "serial:///dev/hdbench-none")
+    with nowhere as daq, pytest.raises(DeviceError, match="cannot be opened"):
         daq.identity()
 
 
@@ -234,9 +213,9 @@ def test_the_counter_follows_the_encoder_in_both_directions():
         blocks = [daq.read_block() for _ in range(20)]
         found.call(lambda: found.instrument.write_reference(-1.5))
         blocks = [block for block in blocks if block is not None] + read_all(daq)
-        values = np.concatenate([block.values for block in blocks])
-    turns = (values[:, 1] + 2**31) % 2**32 - 2**31
-    speed = values[:, 0] * BENCH.tacho.gain_rad_s_per_v
+    read = values(blocks)
+    turns = (read[:, 1] + 2**31) % 2**32 - 2**31
+    speed = read[:, 0] * BENCH.tacho.gain_rad_s_per_v
     angle = np.cumsum(speed) * 1e-3 * BENCH.encoder.counts_per_turn / (2.0 * np.pi)
     assert np.max(turns) > 200 > 0 > np.min(np.diff(turns))
     # an edge is 4 counts; the sum of 4000 noisy speeds is good to 0.06 * sqrt(4000) ms = 3 counts;
@@ -248,11 +227,9 @@ def test_roles_keep_their_order():
     made = table()
     with served(made) as found, driver(made, found.address) as daq:
         found.call(lambda: found.instrument.write_reference(1.0))
-        daq.configure(settings(40, roles=("reference", "torque")))
-        daq.start()
-        values = np.concatenate([block.values for block in read_all(daq)])
-    assert values.shape == (40, 2)
-    assert np.allclose(values[5:, 0], 1.0, atol=1e-3)
+        read = values(acquired(daq, settings(40, roles=("reference", "torque"))))
+    assert read.shape == (40, 2)
+    assert np.allclose(read[5:, 0], 1.0, atol=1e-3)
     assert ROLES[0] == "torque"
 
 

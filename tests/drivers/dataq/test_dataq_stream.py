@@ -1,5 +1,7 @@
 """The stream: rates, scan lists, words to volts, and what happens when it is out of step."""
 
+import itertools
+
 import numpy as np
 import pytest
 from dataqkit import ROLES, table
@@ -91,9 +93,8 @@ def test_scan_words_carry_channel_and_range():
 def test_an_encoder_needs_the_counter_and_nothing_else_may_have_it():
     made = table(roles=("torque", "tacho", "encoder"))
     assert plan_scan(made, ("torque", "tacho", "encoder")).words == (0, 1, 10, 0x0109, 8)
-    wrong = made.model_copy(
-        update={"channels": (made.channels[2].model_copy(update={"input": "analog 3"}),)}
-    )
+    analog = made.channels[2].model_copy(update={"input": "analog 3"})
+    wrong = made.model_copy(update={"channels": (analog,)})
     with pytest.raises(ProfileError, match="an encoder needs the counter"):
         plan_scan(wrong, ("encoder",))
     with pytest.raises(ProfileError, match="an encoder needs the counter"):
@@ -148,14 +149,11 @@ def stream(count=60, seed=0, n_words=5):
 def delivered(data, cuts=()):
     """Return the scans that come out, and whether a fault was told."""
     assembler = ScanAssembler(plan_scan(table(), ROLES))
-    found = []
-    for start, end in zip((0, *cuts), (*cuts, len(data)), strict=True):
-        try:
-            found.append(assembler.take(data[start:end]))
-        except StreamFault:
-            return np.concatenate(found) if found else np.zeros((0, 5)), True
+    found = [np.zeros((0, 5))]
+    pieces = [data[start:end] for start, end in itertools.pairwise((0, *cuts, len(data)))]
     try:
-        found.append(assembler.take(b""))
+        for piece in (*pieces, b""):
+            found.append(assembler.take(piece))
     except StreamFault:
         return np.concatenate(found), True
     return np.concatenate(found), False
@@ -192,10 +190,8 @@ def test_text_in_the_place_of_samples_is_told_as_an_overflow():
 
 def test_whole_scans_that_are_missing_show_against_the_clock():
     watch = LagWatch(1e-3, 0.05)
-    lost = 0
     for packet in range(400):
-        if packet == 200:
-            lost = 64
+        lost = 64 if packet >= 200 else 0
         jitter_s = 0.004 * (packet % 3)
         missing = watch.missing(13 * (packet + 1) - lost, 0.013 * (packet + 1) + jitter_s)
         if missing:

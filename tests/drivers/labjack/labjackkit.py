@@ -5,12 +5,11 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from daqkit import Clock
 from faults.lines import in_thread
 from served import InThread
 
-from hdbench.devices.daq import DaqSettings, ScanBlock
+from hdbench.devices.daq import DaqSettings
 from hdbench.devices.driver import open_daq
 from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInstrument
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
@@ -32,7 +31,6 @@ class Served(InThread):
     instrument: SimulatedInstrument
     host: str
     port: int
-    events: list[dict[str, object]]
     watchdog_clock: Clock
 
     @property
@@ -43,30 +41,23 @@ class Served(InThread):
 @contextmanager
 def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[Served]:
     """Serve a device on a free pair of ports."""
-    events: list[dict[str, object]] = []
-    emulation = Emulation(PROFILE, "as-modelled", seed, record=lambda e: events.append(dict(e)))
+    emulation = Emulation(PROFILE, "as-modelled", seed)
     emulation.speed = speed
-    instrument = emulation.instrument
     made = table or PROFILE.daq
     terminals = {c.number: (c.role, 1.0) for c in made.channels if c.role != "encoder"}
-    wiring = Wiring(instrument, made, terminals, seed)
+    wiring = Wiring(emulation.instrument, made, terminals, seed)
     # it goes when told, so that no busy machine trips the watchdog
     clock = Clock(0.0)
     server = EmulatedLabJack(LabJackDevice(wiring, seed, clock=clock))
     with in_thread(lambda: server.open(EmulatorSettings()), server.close) as (loop, found):
         address = parse_address(str(found["address"]))
-        yield Served(loop, server, instrument, address.host, address.port, events, clock)
-
-
-def table_for(port: int, **changes: Any) -> Any:
-    """Return the profile's table with the address of a served device, patient as it may be."""
-    address = f"tcp://127.0.0.1:{port}"
-    return PROFILE.daq.model_copy(update={"address": address, "deadline_s": 0.9, **changes})
+        yield Served(loop, server, emulation.instrument, address.host, address.port, clock)
 
 
 def driver(port: int, **changes: Any) -> closing[LabJackDaq]:
-    """Open a driver."""
-    return closing(open_daq(PROFILE, table_for(port, **changes)))
+    """Open a driver at a served device, patient as it may be."""
+    update = {"address": f"tcp://127.0.0.1:{port}", "deadline_s": 0.9, **changes}
+    return closing(open_daq(PROFILE, PROFILE.daq.model_copy(update=update)))
 
 
 @contextmanager
@@ -91,11 +82,6 @@ def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = RO
     return DaqSettings(roles, period_s, n_samples, 1.0)
 
 
-def values(blocks: list[ScanBlock]) -> np.ndarray:
-    """Return all scans of adjacent blocks."""
-    return np.concatenate([block.values for block in blocks])
-
-
 def turning(daq: LabJackDaq, n_samples: int, reference_v: float) -> None:
     """Start an acquisition with the watchdog armed and the motor on."""
     daq.configure(settings(n_samples))
@@ -108,13 +94,9 @@ def turning(daq: LabJackDaq, n_samples: int, reference_v: float) -> None:
 def noted_writes(device: Served) -> list[int]:
     """Return the list in which the device notes the address of every write from now on."""
     addresses: list[int] = []
-    write = device.device.memory.write
-
-    def noting(space: str, address: int, raw: bytes) -> None:
-        addresses.append(address)
-        write(space, address, raw)
-
-    device.device.memory.write = noting
+    memory = device.device.memory
+    write = memory.write
+    memory.write = lambda space, at, raw: (addresses.append(at), write(space, at, raw))[1]
     return addresses
 
 

@@ -14,9 +14,9 @@ from labjackkit import (
     served,
     settings,
     turning,
-    values,
 )
-from served import not_made_safe, read_all, swap_words
+from nodekit import until
+from served import acquired, not_made_safe, read_all, swap_words, values
 
 from hdbench.drivers.labjack.driver import labjack_rate_hz
 from hdbench.drivers.labjack.emulator import streaming
@@ -25,18 +25,16 @@ from hdbench.drivers.labjack.registers import dac, digital_line
 from hdbench.drivers.labjack.table import LabJackOutput
 from hdbench.errors import BusyError, DeviceError, ProfileError, UsageError
 
-TACHO = PROFILE.tacho.gain_rad_s_per_v
+TORQUE = PROFILE.daq.channels[0]
 
 
-def _run(daq, n_samples: int, **changes):
-    daq.configure(settings(n_samples, **changes))
-    daq.start()
-    return read_all(daq)
+def _output(name, enable_line, limit_v=8.0):
+    return LabJackOutput(output=name, limit_v=limit_v, enable_line=enable_line)
 
 
 def test_every_sample_asked_for_comes_once_and_in_order():
     with claimed(speed=4.0) as (device, daq):
-        blocks = _run(daq, 1500)
+        blocks = acquired(daq, settings(1500))
         assert [block.lost_before for block in blocks] == [0] * len(blocks)
         firsts = np.cumsum([0, *(len(block) for block in blocks)])
         assert [block.first_index for block in blocks] == firsts[:-1].tolist()
@@ -54,9 +52,9 @@ def test_volts_are_those_at_the_terminals_by_the_devices_own_constants():
         taken = noted_samples(device)
         with driver(device.port) as daq:
             daq.claim()
-            read = values(_run(daq, 400))
+            read = values(acquired(daq, settings(400)))
         with driver(device.port, calibration="nominal") as daq:
-            nominal = values(_run(daq, 100))
+            nominal = values(acquired(daq, settings(100)))
     for column, name in enumerate(("torque", "tacho", "current", "reference")):
         true = np.concatenate([samples.volts[name] for samples in taken])[:400]
         # half a step of 0.316 mV, and constants that travel as 32-bit floats
@@ -150,7 +148,7 @@ def test_feeding_keeps_the_motor_alive_and_tells_a_trip():
 
 
 def test_an_output_reads_back_where_the_device_can():
-    output = LabJackOutput(output="DAC0", limit_v=4.0, enable_line=4)
+    output = _output("DAC0", 4, limit_v=4.0)
     table = PROFILE.daq.model_copy(update={"output": output})
     with served(table=table) as device, driver(device.port, output=output) as daq:
         daq.claim()
@@ -244,7 +242,7 @@ def test_another_programs_stream_is_left_alone_until_somebody_stops_it():
             assert daq.safe_state().confirmed
             daq.claim()
             daq.claim()
-            assert values(_run(daq, 50)).shape == (50, 5)
+            assert values(acquired(daq, settings(50))).shape == (50, 5)
 
 
 def test_the_devices_own_error_code_is_in_the_message(monkeypatch):
@@ -270,10 +268,7 @@ def test_the_actual_period_is_the_devices_and_a_rate_it_cannot_keep_is_refused()
 def test_the_safe_state_stops_a_turning_motor_and_proves_it():
     with claimed() as (device, daq):
         turning(daq, 60_000, 2.0)
-        until_s = time.monotonic() + 60.0
-        while device.instrument.velocity_rad_s < 100.0:
-            assert time.monotonic() < until_s
-            time.sleep(0.01)
+        until(lambda: device.instrument.velocity_rad_s >= 100.0, 60.0)
         safe = daq.safe_state()
         assert safe.confirmed
         assert abs(safe.reference_v) < 0.01
@@ -299,23 +294,17 @@ def test_a_safe_state_that_cannot_be_seen_is_not_confirmed():
     ("changes", "said"),
     [
         ({"model": "T8"}, "T8 is not supported"),
-        ({"output": LabJackOutput(output="TDAC0", limit_v=8.0, enable_line=4)}, "the encoder has"),
-        ({"output": LabJackOutput(output="TDAC2", limit_v=8.0, enable_line=1)}, "to the encoder"),
-        ({"output": LabJackOutput(output="TDAC2", limit_v=8.0, enable_line=3)}, "LJTick-DAC"),
+        ({"output": _output("TDAC0", 4)}, "the encoder has"),
+        ({"output": _output("TDAC2", 1)}, "to the encoder"),
+        ({"output": _output("TDAC2", 3)}, "LJTick-DAC"),
         ({"channels": PROFILE.daq.channels[4:]}, "no analog input"),
-        (
-            {"channels": (PROFILE.daq.channels[0].model_copy(update={"range_v": 5.0}),)},
-            "a T7 has 10, 1, 0.1, 0.01 V",
-        ),
-        (
-            {"channels": (PROFILE.daq.channels[0].model_copy(update={"negative": 5}),)},
-            "even input against the next",
-        ),
+        ({"channels": (TORQUE.model_copy(update={"range_v": 5.0}),)}, "T7 has 10, 1, 0.1, 0.01 V"),
+        ({"channels": (TORQUE.model_copy(update={"negative": 5}),)}, "even input against the next"),
     ],
 )
 def test_a_profile_that_the_device_cannot_carry_out_is_refused_before_it_is_opened(changes, said):
-    with pytest.raises(ProfileError, match=said), driver(1, **changes):
-        pass
+    with pytest.raises(ProfileError, match=said):
+        driver(1, **changes)
 
 
 def test_the_plan_is_told_what_the_device_sustains():
@@ -326,29 +315,26 @@ def test_the_plan_is_told_what_the_device_sustains():
 
 
 def test_only_registers_of_the_driver_are_ever_written():
-    allowed = {0, 2, 4990}
     with served(speed=4.0) as device:
         writes = noted_writes(device)
         with driver(device.port) as daq:
             daq.claim()
-            _run(daq, 100)
+            acquired(daq, settings(100))
             daq.arm_watchdog(1.0)
             daq.enable(on=True)
             daq.write_output("reference", 0.5)
             daq.feed_watchdog()
             daq.safe_state()
-    seen = set(writes)
-    stream = set(range(4002, 4030)) | set(range(4100, 4356)) | {4990}
-    watchdog = set(range(61600, 61654))
-    inputs = set(range(40000, 40500)) | set(range(41000, 41250)) | set(range(44000, 44200))
+    stream = {*range(4002, 4030), *range(4100, 4356), 4990}
+    watchdog = {*range(61600, 61654)}
+    inputs = {*range(40000, 40500), *range(41000, 41250), *range(44000, 44200)}
     outputs = {30004, 2004}
     memory = {46100, 46102, 61810}
-    assert seen <= stream | watchdog | inputs | outputs | memory
-    assert not seen & allowed - {4990}
+    assert set(writes) <= stream | watchdog | inputs | outputs | memory
 
 
 def test_a_t4_measures_the_same_bench_with_its_twelve_bits():
-    changes = {"model": "T4", "output": LabJackOutput(output="TDAC6", limit_v=8.0, enable_line=8)}
+    changes = {"model": "T4", "output": _output("TDAC6", 8)}
     table = PROFILE.daq.model_copy(update=changes)
     with served(speed=4.0, table=table) as device, driver(device.port, **changes) as daq:
         assert daq.identity().model == "T4"
@@ -361,11 +347,8 @@ def test_a_t4_measures_the_same_bench_with_its_twelve_bits():
         assert read[-1, 4] > read[0, 4]
         assert daq.safe_state().confirmed
         assert not device.instrument.enabled
-    with (
-        pytest.raises(ProfileError, match="always goes on"),
-        driver(1, auto_recover=False, **changes),
-    ):
-        pass
+    with pytest.raises(ProfileError, match="always goes on"):
+        driver(1, auto_recover=False, **changes)
 
 
 def test_after_a_lost_connection_another_labjack_at_the_address_is_never_written_to():

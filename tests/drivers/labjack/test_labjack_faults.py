@@ -1,14 +1,13 @@
 """The driver when wire or device misbehave: nothing wrong is delivered, deadlines hold."""
 
-import math
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
-from faults.lines import faulty_tcp
+from faults.lines import behind
 from faults.mangler import Mangler, TcpFraming
 from labjackkit import (
-    PROFILE,
     claimed,
     driver,
     noted_samples,
@@ -16,22 +15,16 @@ from labjackkit import (
     served,
     settings,
     streaming,
-    table_for,
-    values,
 )
 from nodekit import until
-from served import disturb, read_all
+from served import acquired, disturb, lost, read_all, values
 
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import connect
 from hdbench.drivers.labjack.control import Control
-from hdbench.drivers.labjack.driver import STREAM_OFFSET, open_labjack
+from hdbench.drivers.labjack.driver import STREAM_OFFSET
 from hdbench.drivers.labjack.registers import SESSION
 from hdbench.errors import DeviceError
-
-DEADLINE_S = 0.1
-
-# what the frame of a reply to a read can show; the others change values, or are of other frames
 
 
 @pytest.mark.parametrize("kind", ["echo", "function", "drop", "truncate", "transaction"])
@@ -40,68 +33,40 @@ def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
     with served() as device:
         writes = noted_writes(device)
         mangler = Mangler(kind, TcpFraming(), seed=2)
-        with faulty_tcp(device.host, device.port, mangler) as (host, port):
-            link = connect(parse_address(f"tcp://{host}:{port}"))
-            control = Control(link, deadline_s=DEADLINE_S)
-            with pytest.raises(DeviceError):
+        with behind(f"tcp://{device.host}:{device.port}", mangler) as near:
+            control = Control(connect(parse_address(near)), deadline_s=0.1)
+            with closing(control), pytest.raises(DeviceError):
                 control.write((register,), (7,))
-            control.close()
         assert writes == [register.address]
 
 
-def _stream_faults():
-    """Give one packet after the other what a stream may suffer."""
-
-    def drop(state, packet):
-        return [] if state["n"] in (5, 6) else [packet]
-
-    def duplicate(state, packet):
-        return [packet, packet] if state["n"] % 7 == 0 else [packet]
-
-    def reorder(state, packet):
-        if state["n"] == 5:
-            state["held"] = packet
-            return []
-        return [packet, state.pop("held")] if "held" in state else [packet]
-
-    def truncate(state, packet):
-        return [packet[:-6]] if state["n"] == 5 else [packet]
-
-    def number(state, packet):
-        return [bytes((packet[0] ^ 4,)) + packet[1:]] if state["n"] == 5 else [packet]
-
-    def header(state, packet):
-        return [packet[:7] + b"\3" + packet[8:]] if state["n"] == 5 else [packet]
-
-    def status(state, packet):
-        return [packet[:12] + b"\x12\x34" + packet[14:]] if state["n"] == 5 else [packet]
-
-    def garbage(state, packet):
-        return [b"\xde\xad\xbe" + packet] if state["n"] == 5 else [packet]
-
-    faults = (drop, duplicate, reorder, truncate, number, header, status, garbage)
-    return {fault.__name__: fault for fault in faults}
+# what becomes of the fifth and the sixth packet of a stream
+SPOILT = {
+    "drop": lambda fifth, sixth: [],
+    "duplicate": lambda fifth, sixth: [fifth, fifth, sixth, sixth],
+    "reorder": lambda fifth, sixth: [sixth, fifth],
+    "truncate": lambda fifth, sixth: [fifth[:-6], sixth],
+    "number": lambda fifth, sixth: [bytes((fifth[0] ^ 4,)) + fifth[1:], sixth],
+    "header": lambda fifth, sixth: [fifth[:7] + b"\3" + fifth[8:], sixth],
+    "status": lambda fifth, sixth: [fifth[:12] + b"\x12\x34" + fifth[14:], sixth],
+    "garbage": lambda fifth, sixth: [b"\xde\xad\xbe" + fifth, sixth],
+}
 
 
-def _read_into(blocks, daq) -> None:
-    while True:
-        block = daq.read_block()
-        if block is not None:
-            blocks.append(block)
-
-
-@pytest.mark.parametrize("name", _stream_faults())
+@pytest.mark.parametrize("name", SPOILT)
 def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
-    fault, state = _stream_faults()[name], {"n": 0}
+    passed = []
 
-    def change(packet: bytes) -> list[bytes]:
-        state["n"] += 1
-        return fault(state, packet)
+    def spoilt(packet: bytes) -> list[bytes]:
+        passed.append(packet)
+        if len(passed) == 6:
+            return SPOILT[name](*passed[4:])
+        return [] if len(passed) == 5 else [packet]
 
     with served(speed=4.0) as device, driver(device.port) as daq:
         tick = device.device.stream.tick
         device.device.stream.tick = lambda *, blocked: [
-            changed for packet in tick(blocked=blocked) for changed in change(packet)
+            changed for packet in tick(blocked=blocked) for changed in spoilt(packet)
         ]
         taken = noted_samples(device)
         daq.claim()
@@ -109,21 +74,18 @@ def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
         daq.start()
         blocks, error = [], None
         try:
-            while not blocks or blocks[-1].running:
-                block = daq.read_block()
-                if block is not None:
-                    blocks.append(block)
+            read_all(daq, blocks)
         except DeviceError as told:
             error = told
         true = np.concatenate([samples.volts["torque"] for samples in taken])
         for block in blocks:
             there = true[block.first_index : block.first_index + len(block)]
             assert np.max(np.abs(block.values[:, 0] - there), initial=0.0) < 2e-4, name
-        counted = sum(len(block) + block.lost_before for block in blocks)
+        counted = sum(map(len, blocks)) + lost(blocks)
         if name in ("drop", "duplicate"):
             assert error is None
             assert counted == 400
-            assert sum(block.lost_before for block in blocks) == (40 if name == "drop" else 0)
+            assert lost(blocks) == (40 if name == "drop" else 0)
         else:
             assert error is not None
             assert counted < 400
@@ -131,10 +93,8 @@ def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
 
 def _be_away(device, until) -> None:
     """Let the network be away from now on until `until` of the stream says that it is back."""
-    stream = device.device.stream
+    stream, back = device.device.stream, []
     tick = stream.tick
-
-    back = []
 
     def away(*, blocked):
         if until(stream):
@@ -154,10 +114,9 @@ def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
         blocks = [block for _ in range(5) if (block := daq.read_block()) is not None]
         _be_away(device, lambda stream: (stream._skipped or 0) >= 200)
         blocks += read_all(daq)
-        lost = [block.lost_before for block in blocks if block.lost_before]
-        assert len(lost) == 1
-        assert 100 < lost[0] < 2000
-        assert sum(len(block) + block.lost_before for block in blocks) == 4000
+        (gap,) = [block.lost_before for block in blocks if block.lost_before]
+        assert 100 < gap < 2000
+        assert sum(map(len, blocks)) + gap == 4000
         # the samples after the gap are those of their time: the torque's own noise is the key
         ends = [b.first_index + len(b) for b in blocks]
         assert [b.first_index - b.lost_before for b in blocks[1:]] == ends[:-1]
@@ -168,7 +127,7 @@ def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
         _be_away(device, lambda stream: stream._status)
         blocks = []
         with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
-            _read_into(blocks, daq)
+            read_all(daq, blocks)
         # everything that was sampled until then was delivered: the whole buffer, of whole packets
         assert sum(len(block) for block in blocks) >= 1800
 
@@ -187,24 +146,20 @@ def test_what_a_stopped_stream_has_sent_is_read_before_the_run_is_given_up():
 
         daq.control.read = answered_late
         with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
-            _read_into([], daq)
+            read_all(daq)
 
 
 @pytest.mark.parametrize(
-    ("status", "said"),
-    [
-        (2942, r"STREAM_SCAN_OVERLAP \(2942\)"),
-        (2943, r"STREAM_AUTO_RECOVER_END_OVERFLOW \(2943\)"),
-        (2944, r"STREAM_BURST_COMPLETE \(2944\)"),
-    ],
+    ("status", "name"),
+    [(2942, "SCAN_OVERLAP"), (2943, "AUTO_RECOVER_END_OVERFLOW"), (2944, "BURST_COMPLETE")],
 )
-def test_a_stream_that_the_device_ends_is_named(status, said):
+def test_a_stream_that_the_device_ends_is_named(status, name):
     with streaming(4000, speed=4.0) as (device, daq):
         blocks = [block for _ in range(8) if (block := daq.read_block()) is not None]
         device.call(lambda: setattr(device.device.stream, "_status", status))
-        with pytest.raises(DeviceError, match=said):
-            _read_into(blocks, daq)
-        assert sum(block.lost_before for block in blocks) == 0
+        with pytest.raises(DeviceError, match=rf"STREAM_{name} \({status}\)"):
+            read_all(daq, blocks)
+        assert lost(blocks) == 0
 
 
 def test_an_index_jump_that_the_device_does_not_tell_is_found():
@@ -230,27 +185,20 @@ def test_a_device_that_restarts_is_told_and_its_motor_stands():
 def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
     with claimed(speed=4.0) as (device, daq):
         device.call(lambda: disturb(device.instrument, torque=1e3, tacho=-1e3))
-        daq.configure(settings(100))
-        daq.start()
-        blocks = read_all(daq)
+        blocks = acquired(daq, settings(100))
         saturated = np.concatenate([block.saturated for block in blocks])
         assert np.all(saturated[:, :2])
         assert not np.any(saturated[:, 2:])
         device.call(lambda: disturb(device.instrument, torque=0.5))
-        daq.configure(settings(100))
-        daq.start()
-        read = values(read_all(daq))
+        read = values(acquired(daq, settings(100)))
         assert np.ptp(read[:, 0]) == 0.0
         assert np.ptp(read[:, 1]) > 0.0
 
 
 def test_the_stream_port_stands_200_above_the_other():
     assert STREAM_OFFSET == 702 - 502
-    with served() as device:
-        daq = open_labjack(PROFILE, table_for(device.port, stream_port=device.port + 1))
+    with served() as device, driver(device.port, stream_port=device.port + 1) as daq:
         daq.claim()
         daq.configure(settings(10))
         with pytest.raises(DeviceError, match=f":{device.port + 1}"):
             daq.start()
-        daq.close()
-    assert math.isclose(PROFILE.daq.watchdog_s, 1.0)

@@ -3,6 +3,7 @@
 import socket
 import struct
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -95,32 +96,20 @@ def test_another_librarys_client_reads_and_writes_the_emulated_device():
     with served(seed=41) as device:
         client = ModbusTcpClient(device.host, port=device.port, timeout=60, retries=0)
         assert client.connect()
-        test = client.read_holding_registers(55100, count=2, device_id=1)
-        assert test.registers == [0x0011, 0x2233]
-        serial = client.read_holding_registers(60028, count=2, device_id=1)
-        assert serial.registers == [0, 41]
-        product = client.read_holding_registers(60000, count=2, device_id=1)
-        assert struct.unpack(">f", struct.pack(">HH", *product.registers)) == (7.0,)
-        words = list(struct.unpack(">HH", struct.pack(">f", -4.5)))
-        assert not client.write_registers(30004, words, device_id=1).isError()
+        read = partial(client.read_holding_registers, count=2, device_id=1)
+        # product 7.0 and reference -4.5 as 32-bit floats
+        assert read(55100).registers == [0x0011, 0x2233]
+        assert read(60028).registers == [0, 41]
+        assert read(60000).registers == [0x40E0, 0]
+        assert not client.write_registers(30004, [0xC090, 0], device_id=1).isError()
         assert device.instrument.reference_v == -4.5
         assert not client.write_register(2004, 1, device_id=1).isError()
         assert device.instrument.enabled
         for address in (9, 30004, 70):
-            refused = client.read_holding_registers(address, count=2, device_id=1)
-            assert refused.exception_code == 2, address
-        running = client.write_registers(4990, [0, 0], device_id=1)
-        assert running.exception_code == 4
-        detail = client.read_holding_registers(55000, count=1, device_id=1)
-        assert detail.registers == [2620]
+            assert read(address).exception_code == 2, address
+        assert client.write_registers(4990, [0, 0], device_id=1).exception_code == 4
+        assert read(55000, count=1).registers == [2620]
         client.close()
-
-
-def _received(stream: socket.socket, size: int) -> bytes:
-    data = b""
-    while len(data) < size:
-        data += stream.recv(size - len(data))
-    return data
 
 
 def test_a_reader_written_from_labjacks_description_understands_the_stream():
@@ -143,10 +132,11 @@ def test_a_reader_written_from_labjacks_description_understands_the_stream():
             write(4990, ("I", 1))
             scans = []
             for expected in range(6):
-                head = struct.unpack(">HHHBBBBHHH", _received(stream, 16))
+                packet = stream.recv(76, socket.MSG_WAITALL)
+                head = struct.unpack(">HHHBBBBHHH", packet[:16])
                 assert head[:6] == (expected, 0, 70, 1, 76, 16)
                 assert head[8:] == (0, 0)
-                scans.append(np.frombuffer(_received(stream, 60), ">u2").reshape(10, 3))
+                scans.append(np.frombuffer(packet[16:], ">u2").reshape(10, 3))
         client.close()
     words = np.concatenate(scans).astype(np.int64)
     ticks = words[:, 1] + (words[:, 2] << 16)
