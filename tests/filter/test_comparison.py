@@ -17,25 +17,25 @@ SWAY = SlowBlock("resonance", variance=2.0, time_constant_s=0.3, frequency_hz=1.
 TUNED = replace(tuned_like(), blocks=THREE_ORDERS, slow=(tuned_like().slow[0], SWAY))
 
 
-def made():
+LOWPASS = (20.0, 2)
+
+
+@pytest.fixture(scope="module")
+def samples():
+    """Return time, velocity, angle, torque without slow torque, and the slow torque to add."""
     t, v, angle, y = turning(16.0, slow=0.0, seed=8)
-    truth = 2.0 * np.sin(2 * np.pi * 1.5 * t)
-    return channels(t, v, y + truth, angle), truth
+    return t, v, angle, y, 2.0 * np.sin(2 * np.pi * 1.5 * t)
 
 
-def compared(bench, truth_known=True):
-    record, truth = made()
-    return compare_filters(
-        record,
-        {"report": preset("report-6", bench)},
-        TUNED,
-        truth_nm=truth if truth_known else None,
-        lowpass=(20.0, 2),
-    )
+def compared(bench, samples, truth_nm):
+    t, v, angle, y, slow = samples
+    record = channels(t, v, y + slow, angle)
+    report = {"report": preset("report-6", bench)}
+    return compare_filters(record, report, TUNED, truth_nm=truth_nm, lowpass=LOWPASS)
 
 
-def test_the_table_tells_what_each_filter_takes_keeps_and_costs(bench):
-    found = compared(bench)
+def test_the_table_tells_what_each_filter_takes_keeps_and_costs(bench, samples):
+    found = compared(bench, samples, truth_nm=samples[-1])
     rows = {row.name: row for row in found.contenders}
     assert list(rows) == ["raw", "lowpass", "report", "tuned", "smoothed"]
     assert found.reference == "truth"
@@ -53,33 +53,30 @@ def test_the_table_tells_what_each_filter_takes_keeps_and_costs(bench):
     assert rows["lowpass"].noise_nm < 0.2 * rows["raw"].noise_nm
 
 
-def test_without_truth_the_smoothed_torque_is_the_reference(bench):
-    found = compared(bench, truth_known=False)
+def test_without_truth_the_smoothed_torque_is_the_reference(bench, samples):
+    found = compared(bench, samples, truth_nm=None)
     rows = {row.name: row for row in found.contenders}
     assert found.reference == "smoothed"
     assert rows["smoothed"].error_rms_nm == 0.0
     assert set(rows["smoothed"].suppression_db.values()) == {None}
     assert rows["tuned"].torque_kept == pytest.approx(1.0, abs=0.05)
-    body = found.to_dict()
-    assert body["rows"][0]["name"] == "raw"
+    assert found.to_dict()["rows"][0]["name"] == "raw"
 
 
-def test_torque_that_does_not_vary_shows_neither_share_nor_delay(bench):
-    record, truth = made()
-    still = channels(
-        record.time_s, record.velocity_rad_s, record.torque_nm - truth, record.angle_rad
-    )
-    found = compare_filters(still, {}, TUNED, truth_nm=np.zeros(truth.size), lowpass=(20.0, 2))
+def test_torque_that_does_not_vary_shows_neither_share_nor_delay(samples):
+    t, v, angle, y, _ = samples
+    still = channels(t, v, y, angle)
+    found = compare_filters(still, {}, TUNED, truth_nm=np.zeros(t.size), lowpass=LOWPASS)
     assert all(row.torque_kept is None and row.delay_s is None for row in found.contenders)
 
 
-def test_a_record_too_short_to_judge_is_refused(bench):
+def test_a_record_too_short_to_judge_is_refused():
     t, v, angle, y = turning(1.0)
-    with pytest.raises(DataError, match="left to judge"):
-        compare_filters(channels(t, v, y, angle), {}, TUNED, truth_nm=None, lowpass=(20.0, 2))
-    silent = channels(t, v, np.full_like(y, np.nan), angle)
-    with pytest.raises(DataError, match="no sample"):
-        compare_filters(silent, {}, TUNED, truth_nm=None, lowpass=(20.0, 2))
+    for torque, words in ((y, "left to judge"), (np.full_like(y, np.nan), "no sample")):
+        with pytest.raises(DataError, match=words):
+            compare_filters(
+                channels(t, v, torque, angle), {}, TUNED, truth_nm=None, lowpass=LOWPASS
+            )
 
 
 def test_the_transfer_keeps_the_shape_of_the_frequencies(bench):

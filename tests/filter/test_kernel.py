@@ -1,7 +1,7 @@
 """The compiled kernel: beside the NumPy form, its checks of arrays, and how a form is chosen."""
 
 import math
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
 import numpy as np
@@ -47,11 +47,6 @@ NUMBERS = [item.name for item in fields(FilteredBlock) if item.name.endswith(("_
 @pytest.fixture(params=MODELS)
 def model(request):
     return MODELS[request.param]
-
-
-def same(one, two):
-    for field in fields(FilteredBlock):
-        assert_array_equal(getattr(one, field.name), getattr(two, field.name), field.name)
 
 
 def alike(one, two):
@@ -104,9 +99,8 @@ def test_a_batch_gives_every_trace_the_bits_it_has_alone(model, n_traces):
     found = batch(model, t, velocity, torque, innovations=True)
     for i in range(n_traces):
         alone = run(model, new_state(model), t, velocity[:, i], torque[:, i])
-        assert_array_equal(found.torque_filtered_nm[:, i], alone.torque_filtered_nm)
-        assert_array_equal(found.innovation_nm[:, i], alone.innovation_nm)
-        assert_array_equal(found.innovation_variance_nm2[:, i], alone.innovation_variance_nm2)
+        for name in ("torque_filtered_nm", "innovation_nm", "innovation_variance_nm2"):
+            assert_array_equal(getattr(found, name)[:, i], getattr(alone, name))
         assert found.sum_log_variance[i] == alone.sum_log_variance
         assert found.sum_normalised_squares[i] == alone.sum_normalised_squares
 
@@ -257,19 +251,15 @@ def test_a_state_of_another_model_is_refused():
 def test_threads_on_states_of_their_own_do_not_disturb_each_other():
     t, v, y = samples(20_000)
     models = [MODELS[name] for name in ("listing", "matern-3/2", "three and two", "sixteen")]
-    alone = [run(model, new_state(model), t, v, y) for model in models]
-    found = {}
 
-    def work(i):
-        found[i] = run(models[i], new_state(models[i]), t, v, y)
+    def work(model):
+        return run(model, new_state(model), t, v, y)
 
-    threads = [threading.Thread(target=work, args=(i,)) for i in range(len(models))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for i, wanted in enumerate(alone):
-        same(found[i], wanted)
+    with ThreadPoolExecutor(len(models)) as pool:
+        found = list(pool.map(work, models))
+    for i, wanted in enumerate(map(work, models)):
+        for field in fields(FilteredBlock):
+            assert_array_equal(getattr(found[i], field.name), getattr(wanted, field.name))
 
 
 def test_the_covariance_neither_drifts_nor_loses_its_sign():

@@ -4,6 +4,7 @@ import json
 import math
 
 import pytest
+from kernel_models import order_block
 
 from hdbench.errors import DataError
 from hdbench.filter import (
@@ -36,6 +37,12 @@ def model(**changes):
     return FilterModel(**{**fields, **changes})
 
 
+def loaded(bench, folder, text):
+    file = folder / "own.json"
+    file.write_text(text, encoding="utf-8", errors="surrogateescape")
+    return load_filter_model(str(file), bench)
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_integrate_the_velocity_and_say_where_they_are_from(bench, name):
     """Their numbers are held against the report's equations in test_recursion."""
@@ -56,9 +63,12 @@ def test_an_unknown_model_names_the_presets_and_the_nearest(bench, name, near):
 @pytest.mark.parametrize("gain", [None, 6.6, -6.6])
 def test_a_model_file_gives_the_same_model_back(bench, tmp_path, gain):
     first = model(torque_gain_nm_per_v=gain, blocks=(BLOCK, OscillatorBlock(0.1, "ripple", 1 / 3)))
-    file = tmp_path / "own.json"
-    file.write_text(json.dumps(first.to_dict(), allow_nan=False))
-    assert load_filter_model(str(file), bench) == first
+    assert loaded(bench, tmp_path, json.dumps(first.to_dict(), allow_nan=False)) == first
+
+
+def stored(order, **changes):
+    """Return a block as it stands in a file."""
+    return {"order": order, "role": "ripple", "process_noise": 1, **changes}
 
 
 @pytest.mark.parametrize(
@@ -77,34 +87,22 @@ def test_a_model_file_gives_the_same_model_back(bench, tmp_path, gain):
         ({"blocks": {}}, "blocks"),
         ({"blocks": []}, "blocks"),
         ({"blocks": [{"order": 2.0}]}, "blocks.0"),
-        ({"blocks": [{"order": 0, "role": "ripple", "process_noise": 1}]}, "order"),
-        ({"blocks": [{"order": 2, "role": "other", "process_noise": 1}]}, "role"),
-        ({"blocks": [{"order": 2, "role": ["ripple"], "process_noise": 1}]}, "role"),
-        ({"blocks": [{"order": 2, "role": "ripple", "process_noise": 1}] * 2}, "order 2.0"),
-        (
-            {"blocks": [{"order": i + 1, "role": "ripple", "process_noise": 1} for i in range(17)]},
-            "17 blocks",
-        ),
+        ({"blocks": [stored(0)]}, "order"),
+        ({"blocks": [stored(2, role="other")]}, "role"),
+        ({"blocks": [stored(2, role=["ripple"])]}, "role"),
+        ({"blocks": [stored(2)] * 2}, "order 2.0"),
+        ({"blocks": [stored(i + 1) for i in range(17)]}, "17 blocks"),
         ({"provenance": {"a": 1}}, "provenance"),
         ({"torque_gain_nm_per_v": 0.0}, "torque_gain_nm_per_v"),
     ],
 )
 def test_a_bad_model_file_names_the_place(bench, tmp_path, change, place):
-    file = tmp_path / "bad.json"
     body = {**model().to_dict(), **change}
-    file.write_text(json.dumps({key: value for key, value in body.items() if value is not ...}))
+    text = json.dumps({key: value for key, value in body.items() if value is not ...})
     with pytest.raises(DataError) as caught:
-        load_filter_model(str(file), bench)
+        loaded(bench, tmp_path, text)
     assert place in str(caught.value)
-    assert "bad.json" in caught.value.where
-
-
-@pytest.mark.parametrize("text", ["", "[1]", "{", '{"schema": NaN}', "\udcff"])
-def test_a_broken_file_is_refused(bench, tmp_path, text):
-    file = tmp_path / "bad.json"
-    file.write_text(text, encoding="utf-8", errors="surrogateescape")
-    with pytest.raises(DataError):
-        load_filter_model(str(file), bench)
+    assert "own.json" in caught.value.where
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
@@ -118,17 +116,13 @@ def test_numbers_out_of_their_domain_make_no_model(value):
             model(**{field: value})
 
 
-def bench_model(**body):
-    return {
-        "schema": "hdbench/model/1",
-        "baseline": {"ripple": [{"order": 2.0}, {"order": 4.0}]},
-        "causes": [],
-        **body,
-    }
+def bench_model(**changes):
+    baseline = {"ripple": [{"order": 2.0}, {"order": 4.0}]}
+    body = {"schema": "hdbench/model/1", "baseline": baseline, "causes": []}
+    return json.dumps({**body, **changes})
 
 
 def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
-    file = tmp_path / "extended.json"
     causes = [
         {"name": "ripple-harmonic", "parameters": {"order": {"value": 7.9, "std": 0.01}}},
         {"name": "wave-generator-eccentricity", "parameters": {}},
@@ -139,22 +133,13 @@ def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
         {"name": "bearing-defect", "parameters": {"order": {"value": 3.1}}},
         {"name": "cogging", "parameters": {"order": {"value": 12.0}}},
     ]
-    file.write_text(json.dumps(bench_model(causes=causes)))
-    found = load_filter_model(str(file), bench)
-    assert {(b.order, b.role) for b in found.blocks if not b.frequency_hz} == {
-        (2.0, "ripple"),
-        (4.0, "ripple"),
-        (0.01, "misalignment"),
-        (7.9, "ripple"),
-        (1.0, "ripple"),
-        (3.1, "ripple"),
-        (2 * 3.1, "ripple"),
-        (3 * 3.1, "ripple"),
-        *((order, "ripple") for order in (12.0, 24.0, 36.0, 72.0)),
-        (0.02, "misalignment"),
-    }
+    found = loaded(bench, tmp_path, bench_model(causes=causes))
+    ripple = {2.0, 4.0, 7.9, 1.0, 3.1, 2 * 3.1, 3 * 3.1, 12.0, 24.0, 36.0, 72.0}
+    for role, orders in (("ripple", ripple), ("misalignment", {0.01, 0.02})):
+        found_orders = {b.order for b in found.blocks if b.role == role and not b.frequency_hz}
+        assert found_orders == orders
     assert found.use_measured_angle
-    assert found.name == "extended"
+    assert found.name == "own"
     assert [b.frequency_hz for b in found.blocks if b.frequency_hz] == [60.0]
     assert "mains-hum" in found.provenance["60 Hz"]
     assert "no block" in found.provenance["cause structural-tone"]
@@ -164,32 +149,30 @@ def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
 def test_a_model_that_the_diagnosis_saved_becomes_a_filter(bench, tmp_path):
     found = CauseTerm("ripple-harmonic", {"order": 7.9}, (0.1, 0.05), None)
     extended = BenchModel(0.0, 1e-4, ((2.0, 0.4, 0.6),), (0.9, 0.3)).with_cause(found)
-    file = tmp_path / "extended.json"
-    file.write_text(json.dumps(model_dict(extended, profile=None, provenance={})))
-    blocks = load_filter_model(str(file), bench).blocks
+    text = json.dumps(model_dict(extended, profile=None, provenance={}))
+    blocks = loaded(bench, tmp_path, text).blocks
     assert sorted(block.order for block in blocks) == [0.01, 2.0, 7.9]
 
 
 @pytest.mark.parametrize(
-    "body",
+    "text",
     [
-        {"causes": {}},
-        {"causes": [3]},
-        {"causes": [{"name": "ripple-harmonic", "parameters": []}]},
-        {"causes": [{"name": "ripple-harmonic", "parameters": {"order": {"value": "7"}}}]},
-        {"causes": [{"name": "ripple-harmonic", "parameters": {"order": {"value": -7}}}]},
-        {"causes": [{"name": "mains-hum", "parameters": {}}]},
-        {"baseline": []},
-        {"baseline": {"ripple": [2.0]}},
-        {"causes": [{"name": "x", "parameters": {"order": 10 + i}} for i in range(20)]},
+        *("", "[1]", "{", '{"schema": NaN}', "\udcff"),
+        bench_model(causes={}),
+        bench_model(causes=[3]),
+        bench_model(causes=[{"name": "ripple-harmonic", "parameters": []}]),
+        bench_model(causes=[{"name": "ripple-harmonic", "parameters": {"order": {"value": "7"}}}]),
+        bench_model(causes=[{"name": "ripple-harmonic", "parameters": {"order": {"value": -7}}}]),
+        bench_model(causes=[{"name": "mains-hum", "parameters": {}}]),
+        bench_model(baseline=[]),
+        bench_model(baseline={"ripple": [2.0]}),
+        bench_model(causes=[{"name": "x", "parameters": {"order": 10 + i}} for i in range(20)]),
     ],
 )
-def test_a_bad_bench_model_is_refused(bench, tmp_path, body):
-    file = tmp_path / "extended.json"
-    file.write_text(json.dumps(bench_model(**body)))
+def test_a_broken_file_and_a_bad_bench_model_are_refused(bench, tmp_path, text):
     with pytest.raises(DataError, match=r".") as caught:
-        load_filter_model(str(file), bench)
-    assert "extended.json" in caught.value.where
+        loaded(bench, tmp_path, text)
+    assert "own.json" in caught.value.where
 
 
 RIPPLE = {
@@ -213,11 +196,8 @@ def test_results_feed_orders_noise_and_gain_and_say_so(bench):
     found = build_filter_model(
         base, ripple=RIPPLE, misalignment=MISALIGNMENT, calibration=CALIBRATION
     )
-    assert [(b.order, b.role) for b in found.blocks] == [
-        (2.0, "ripple"),
-        (7.9, "ripple"),
-        (0.01, "misalignment"),
-    ]
+    assert [b.order for b in found.blocks] == [2.0, 7.9, 0.01]
+    assert [b.role for b in found.blocks] == ["ripple", "ripple", "misalignment"]
     assert found.measurement_noise == 0.0025
     assert [b.process_noise for b in found.blocks[:2]] == [1e-4, 1e-4]
     # Q/R = 0.2 / 2 is kept: products and quotients of doubles
@@ -246,22 +226,13 @@ def test_a_block_that_no_result_gives_keeps_its_selectivity(bench):
 
 
 def test_a_tuned_base_keeps_its_noise_and_takes_orders_only():
-    tuned = model(
-        blocks=(
-            OscillatorBlock(2.0, "ripple", 1e-9, "motor-radian"),
-            OscillatorBlock(0.01, "misalignment", 1e-6, "motor-radian"),
-        ),
-        slow=(SlowBlock("random-walk", noise_per_s=0.1),),
-        order_prior_std_nm=4.0,
-        slow_prior_std_nm=40.0,
-    )
+    slow = (SlowBlock("random-walk", noise_per_s=0.1),)
+    blocks = (order_block(2.0, 1e-9), order_block(0.01, 1e-6, "misalignment"))
+    tuned = model(blocks=blocks, slow=slow, order_prior_std_nm=4.0, slow_prior_std_nm=40.0)
     fed = build_filter_model(tuned, ripple=RIPPLE, misalignment=MISALIGNMENT)
     assert fed.measurement_noise == tuned.measurement_noise
-    assert [(b.order, b.process_noise, b.noise_per) for b in fed.blocks] == [
-        (2.0, 1e-9, "motor-radian"),
-        (7.9, 1e-9, "motor-radian"),
-        (0.01, 1e-6, "motor-radian"),
-    ]
+    ripple = (order_block(2.0, 1e-9), order_block(7.9, 1e-9))
+    assert fed.blocks == (*ripple, order_block(0.01, 1e-6, "misalignment"))
     assert fed.slow == tuned.slow
 
 

@@ -1,5 +1,6 @@
 """The recursion against equations 5-10."""
 
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -23,30 +24,39 @@ def free_model(orders, noise, *, r=0.01, inertia=0.0, angle=False):
     return filter_model(blocks, r, inertia=inertia, angle=angle)
 
 
+@cache
+def by_equations(name):
+    """Return time, velocity, torque, and the parts of the report's blocks in it."""
+    t, v, y, _ = motion(2000)
+    return t, v, y, literal(t, v, y, *REPORT[name][:2])
+
+
 @pytest.mark.parametrize("name", REPORT)
 def test_presets_agree_with_the_literal_equations(bench, kernel, name):
-    t, v, y, _ = motion()
-    orders, noise, roles = REPORT[name]
-    parts = literal(t, v, y, orders, noise)
+    t, v, y, parts = by_equations(name)
+    roles = np.array(REPORT[name][2])
     block = OnlineFilter(load_filter_model(name, bench), kernel=kernel).process(t, v, y)
     # the acceptance's 1e-9 N m; rounding alone is some 1e-12 after the standstill
     close = {"rtol": 0.0, "atol": 1e-9}
     assert_allclose(block.torque_filtered_nm, y - parts.sum(axis=1), **close)
     assert_allclose(block.torque_expected_nm, expected_torque(t, v), **close)
-    ripple = [i for i, role in enumerate(roles) if role == "r"]
-    assert_allclose(block.ripple_nm, parts[:, ripple].sum(axis=1), **close)
-    other = [i for i, role in enumerate(roles) if role == "m"]
-    assert_allclose(block.misalignment_nm, parts[:, other].sum(axis=1), **close)
+    assert_allclose(block.ripple_nm, parts[:, roles == "r"].sum(axis=1), **close)
+    assert_allclose(block.misalignment_nm, parts[:, roles == "m"].sum(axis=1), **close)
 
 
-def test_presets_agree_after_a_long_standstill(bench, kernel):
-    t = np.arange(9000) * 1e-3
+@pytest.fixture(scope="module")
+def standing():
+    """Return time, velocity, torque of a long standstill, and what the equations leave of it."""
+    t = np.arange(8000) * 1e-3
     v = np.where(t < 7.0, 0.0, 120.0 * np.sin(9.0 * (t - 7.0)))
     y = 3.0 + np.random.default_rng(5).normal(0.0, 0.1, t.size)
-    orders, noise, _ = REPORT["report-6"]
+    return t, v, y, y - literal(t, v, y, *REPORT["report-6"][:2]).sum(axis=1)
+
+
+def test_presets_agree_after_a_long_standstill(bench, kernel, standing):
+    t, v, y, wanted = standing
     block = OnlineFilter(preset("report-6", bench), kernel=kernel).process(t, v, y)
     # P grows by Q per sample along what standstill hides, to 7e6: its rounding is 1e-9 of S ~ 1e3
-    wanted = y - literal(t, v, y, orders, noise).sum(axis=1)
     assert_allclose(block.torque_filtered_nm, wanted, rtol=0.0, atol=1e-9)
 
 
@@ -61,35 +71,16 @@ def test_any_number_of_blocks_agrees_with_the_literal_equations(kernel, n_blocks
     assert_allclose(block.ripple_nm, parts.sum(axis=1), rtol=0.0, atol=1e-11)
 
 
-def test_a_known_ripple_is_predicted_exactly_once_learned(kernel):
-    t = np.arange(3000) * 1e-3
-    v = 60.0 + 40.0 * np.sin(5.0 * t)
-    angle = np.concatenate([[0.0], np.cumsum(v[:-1] * 1e-3)])
-    y = 0.4 * np.cos(2.0 * angle + 0.6)
-    block = OnlineFilter(free_model([2.0], [1e-9], r=1e-9), kernel=kernel).process(t, v, y)
-    # noise-free oscillator: what is left decays geometrically to rounding
-    assert_allclose(block.torque_filtered_nm[-500:], 0.0, atol=1e-12)
-
-
 def test_a_measured_angle_turns_the_blocks_where_the_model_asks_for_it(kernel):
-    t, v, y, angle = motion(1500)
+    t, v, y, angle = motion(800)
     slipped = angle * 1.01
     noise = ([2.0, 4.0], [1e-3, 1e-3])
-    with_angle = OnlineFilter(free_model(*noise, angle=True), kernel=kernel)
-    without = OnlineFilter(free_model(*noise), kernel=kernel)
-    bench = Bench(inertia=0.0, r=0.01)
-    # rounding of the angle (100 rad) and of some thousand steps
-    close = {"rtol": 0.0, "atol": 1e-10}
-    assert_allclose(
-        with_angle.process(t, v, y, slipped).ripple_nm,
-        literal(t, v, y, *noise, bench, angle=slipped).sum(axis=1),
-        **close,
-    )
-    assert_allclose(
-        without.process(t, v, y, slipped).ripple_nm,
-        literal(t, v, y, *noise, bench).sum(axis=1),
-        **close,
-    )
+    for asked, used in ((True, slipped), (False, None)):
+        online = OnlineFilter(free_model(*noise, angle=asked), kernel=kernel)
+        found = online.process(t, v, y, slipped).ripple_nm
+        wanted = literal(t, v, y, *noise, Bench(inertia=0.0, r=0.01), angle=used).sum(axis=1)
+        # rounding of the angle (100 rad) and of some hundred steps
+        assert_allclose(found, wanted, rtol=0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize(

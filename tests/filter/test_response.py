@@ -17,12 +17,9 @@ PERIOD = 1e-3
 
 # |H(0)| from measured to filtered torque: the acceptance's figures, three digits
 AT_ZERO = [
-    ("report-a1", 50.0, 0.141),
-    ("report-a1", 156.0, 0.531),
-    ("report-a2", 50.0, 0.061),
-    ("report-a2", 156.0, 0.206),
-    ("report-6", 50.0, 0.088),
-    ("report-6", 156.0, 0.331),
+    *(("report-a1", 50.0, 0.141), ("report-a1", 156.0, 0.531)),
+    *(("report-a2", 50.0, 0.061), ("report-a2", 156.0, 0.206)),
+    *(("report-6", 50.0, 0.088), ("report-6", 156.0, 0.331)),
 ]
 
 
@@ -76,9 +73,9 @@ def test_the_noise_gain_is_the_mean_square_of_the_transfer_and_of_the_output(ben
     n = 60_000
     for model in models(bench)[::3]:
         found = filter_response(model, 156.0, PERIOD)
-        hz = (np.arange(1 << 17) + 0.5) * 0.5 / PERIOD / (1 << 17)
+        hz = (np.arange(1 << 15) + 0.5) * 0.5 / PERIOD / (1 << 15)
         power = np.abs(steady_filter(model, 156.0, PERIOD).transfer(hz)) ** 2
-        # midpoints of 4 mHz resolve notches of some hertz and miss narrower ones by their width
+        # midpoints of 15 mHz resolve notches of some hertz and miss narrower ones by their width
         assert found.noise_gain == pytest.approx(math.sqrt(np.mean(power)), rel=2e-3)
         y = rng.normal(size=n)
         time, velocity = np.arange(n) * PERIOD, np.full(n, 156.0)
@@ -101,18 +98,6 @@ def test_the_steady_covariance_solves_the_riccati_equation(bench):
     wanted = solve_discrete_are(phi.T, c.T, q, np.eye(1))
     # two solvers; the equation's own conditioning
     assert_allclose(steady_filter(model, 100.0, PERIOD).covariance, wanted, rtol=1e-6)
-
-
-def test_the_settling_time_is_that_of_the_step_of_a_notch(bench):
-    model = preset("report-a1", bench)
-    found = filter_response(model, 156.0, PERIOD)
-    n = 400
-    time = np.arange(n) * PERIOD
-    out = OnlineFilter(model).process(time, np.full(n, 156.0), np.where(time > 0.1, 1.0, 0.0))
-    settled = np.abs(out.torque_filtered_nm - 0.5309) < 0.05
-    after = time[np.flatnonzero(~settled)[-1]] - 0.1
-    # an envelope of several modes: the right size
-    assert 0.3 * found.settling_time_s < after < 2.0 * found.settling_time_s
 
 
 @pytest.mark.parametrize("velocity", [0.0, math.nan, math.inf])

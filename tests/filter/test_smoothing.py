@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kernel_models import THREE_ORDERS, filter_model, order_block
 from numpy.testing import assert_allclose
-from tuning_traces import channels, turning
+from tuning_traces import channels, recorded, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import SlowBlock
@@ -22,8 +22,7 @@ MODEL = filter_model(
 
 
 def test_amplitude_and_phase_of_every_order_lie_within_their_bands():
-    t, v, angle, y = turning(12.0, seed=3)
-    found = smooth_channels(MODEL, channels(t, v, y, angle))
+    found = smooth_channels(MODEL, recorded(12.0, seed=3))
     truth = {"order_2": (1.2, 0.6), "order_4": (0.6, -1.1), "order_0.01": (3.0, 0.3)}
     assert [wave.name for wave in found.waves] == list(truth)
     for wave in found.waves:
@@ -73,7 +72,6 @@ def test_missing_samples_are_bridged_and_stay_missing():
 
 def test_without_an_encoder_the_velocity_is_integrated():
     t, v, angle, y = turning(3.0)
-    v = v.copy()
     assert_allclose(motor_angle(channels(t, v, y)), angle, atol=1e-9)
     with_holes = angle.copy()
     with_holes[500:600] = np.nan

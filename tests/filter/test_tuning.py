@@ -145,15 +145,15 @@ def beginning(record, n):
     return channels(*(column[:n] for column in _args(record)))
 
 
+def tuned_with(base, record, slow, scale=1.0):
+    return tune(base, [record], TuningSettings(4.0 * scale, 40.0 * scale, slow=slow))
+
+
 def test_torque_in_other_units_scales_every_noise(base, tuned):
-    cut = beginning(tuned[0], 4000)
-    settings = TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")
-    one = tune(base, [cut], settings)
-    ten = tune(
-        base,
-        [replace(cut, torque_nm=8.0 * cut.torque_nm)],
-        TuningSettings(32.0, 320.0, slow="ornstein-uhlenbeck"),
-    )
+    cut = beginning(tuned[0], 3000)
+    eightfold = replace(cut, torque_nm=8.0 * cut.torque_nm)
+    one = tuned_with(base, cut, "ornstein-uhlenbeck")
+    ten = tuned_with(base, eightfold, "ornstein-uhlenbeck", scale=8.0)
     # a power of two scales exactly, so the search takes the same steps up to rounding
     for a, b in zip(one.estimates, ten.estimates, strict=True):
         factor = 64.0 if a.unit.startswith("(N m)^2") else 1.0
@@ -164,7 +164,7 @@ def test_a_tuned_filter_keeps_the_torque_and_takes_the_ripple(bench):
     """Reduced form of tools/tuning_campaign.py: one seed, shorter traces."""
     needs_compiled_kernel()
     scenario = tuning_campaign.SCENARIOS["2 Hz low-pass noise"]
-    row = tuning_campaign.one(scenario, 3, 26.0)
+    row = tuning_campaign.one(scenario, 3, 22.0)
     assert row["converged"]
     assert row["ratio"] <= 1.35
     assert min(row["suppression_db"]) >= 30.0
@@ -178,30 +178,28 @@ def test_a_tuned_filter_keeps_the_torque_and_takes_the_ripple(bench):
 def test_a_walk_by_name_is_warned_of_and_a_stationary_kind_is_what_auto_takes(base, tuned):
     record, found = tuned
     assert {c.slow for c in found.candidates} == {"none", "ornstein-uhlenbeck", "resonance"}
-    part = beginning(record, 3000)
-    walk = tune(base, [part], TuningSettings(4.0, 40.0, slow="integrated-random-walk"))
+    walk = tuned_with(base, beginning(record, 2000), "integrated-random-walk")
     assert any("unbounded variance" in note for note in walk.notes)
     assert walk.model.slow[0].kind == "integrated-random-walk"
 
 
 def test_few_output_turns_and_constant_speed_are_told(base):
-    record = recorded(4.0, seed=1, low=60.0, high=60.0)
-    notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")).notes
+    record = recorded(2.5, seed=1, low=60.0, high=60.0)
+    notes = tuned_with(base, record, "ornstein-uhlenbeck").notes
     assert any("output turns" in note and "order 0.01" in note for note in notes)
     assert any("constant speed" in note for note in notes)
 
 
 def test_an_order_that_the_model_lacks_is_noticed_in_the_innovations(base):
-    t, v, angle, y = turning(5.0, seed=1)
+    t, v, angle, y = turning(3.0, seed=1)
     record = channels(t, v, y + 0.5 * np.cos(6 * angle), angle)
-    notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="random-walk")).notes
+    notes = tuned_with(base, record, "random-walk").notes
     assert any("not white" in note and "--order" in note for note in notes)
 
 
 def test_a_resonance_at_an_order_of_a_constant_speed_is_refused():
-    model = relative_model(
-        (SlowBlock("resonance", variance=1.0, time_constant_s=5.0, frequency_hz=0.1),)
-    )
+    slow = SlowBlock("resonance", variance=1.0, time_constant_s=5.0, frequency_hz=0.1)
+    model = relative_model((slow,))
     steady = describe_motion([recorded(4.0, low=60.0, high=60.0)])
     swinging = describe_motion([recorded(4.0)])
     # order 0.01 at 60 rad/s turns at 0.095 Hz
@@ -210,15 +208,16 @@ def test_a_resonance_at_an_order_of_a_constant_speed_is_refused():
 
 
 def test_spikes_are_left_out_and_a_step_is_not(base):
-    t, v, angle, y = turning(4.5, seed=4)
-    y[2500:] += 3.0
-    clean = channels(t, v, y, angle)
+    t, v, angle, y = turning(2.5, seed=4)
+    y[1400:] += 3.0
     spiky = y.copy()
-    spikes = np.array([1000, 2222, 3001, 4003])
+    spikes = np.array([600, 1222, 1701, 2303])
     spiky[spikes] += 4.0
-    settings = TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")
-    assert tune(base, [clean], settings).outliers == 0
-    found = tune(base, [channels(t, v, spiky, angle)], settings)
+    clean, found = (
+        tuned_with(base, channels(t, v, torque, angle), "ornstein-uhlenbeck")
+        for torque in (y, spiky)
+    )
+    assert clean.outliers == 0
     assert found.outliers == spikes.size
     flags = OnlineFilter(found.model).process(t, v, spiky, angle).flags
     assert (flags[spikes] & 2).all()
@@ -277,12 +276,9 @@ def test_the_whiteness_test_is_that_of_statsmodels():
 def test_the_curvature_of_a_parabola_is_its_matrix():
     matrix = np.array([[4.0, 1.0], [1.0, 900.0]])
     centre = np.array([0.3, -1.0])
-
-    def value(x):
-        return -0.5 * float((x - centre) @ matrix @ (x - centre))
-
+    found = curvature(centre, lambda x: -0.5 * float((x - centre) @ matrix @ (x - centre)))
     # differences of a parabola are exact but for rounding
-    assert_allclose(curvature(centre, value), matrix, rtol=1e-6, atol=1e-6)
+    assert_allclose(found, matrix, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("block", SLOW, ids=lambda block: block.kind)
@@ -324,8 +320,7 @@ def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(n
     slow = SlowBlock("resonance", variance=3.0, time_constant_s=0.1, frequency_hz=2.9)
     blocks = (order_block(2.0, 1e-6), order_block(0.01, noise, "misalignment"))
     model = replace(relative_model((slow,)), blocks=blocks, measurement_noise=0.0032)
-    names = ("measurement_noise", "order 2", "order 0.01")
-    found = [Estimate(name, "", 1.0, None) for name in names]
+    found = [Estimate(name, "", 1.0, None) for name in ("R", "order 2", "order 0.01")]
     kept, estimates = leave_the_torque(model, found, motion)
     assert [one.lowered for one in estimates] == [False, False, lowered]
     assert kept.blocks[0] == model.blocks[0]

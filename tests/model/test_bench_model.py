@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ from hdbench.errors import DataError
 from hdbench.model import (
     BenchModel,
     CauseTerm,
-    Motion,
     baseline_columns,
     baseline_orders,
     catalogue,
@@ -19,8 +17,6 @@ from hdbench.model import (
 )
 from hdbench.profile import ProfileData
 from hdbench.profile.schema import HarmonicParameters
-
-Make = Callable[..., Motion]
 
 
 def test_the_model_is_exactly_what_the_profile_describes(bench, make_motion):
@@ -66,13 +62,10 @@ def test_baseline_columns_are_those_of_the_contract(bench, make_motion):
     expected = 1.725e-4 * motion.acceleration_rad_s2
     np.testing.assert_allclose(fixed, expected, rtol=1e-15, atol=0)
     loaded = make_motion()
-    load = loaded.load_torque_nm
-    # and one sum of numbers below 32
-    for got, want in (
-        (baseline_columns(loaded, bench)[0], expected + load),
-        (baseline_columns(loaded, bench, load=0.0)[0], expected),
-        (baseline_columns(loaded, bench, load=-1.0)[0], expected - load),
-    ):
+    for told, load in (({}, 1.0), ({"load": 0.0}, 0.0), ({"load": -1.0}, -1.0)):
+        got = baseline_columns(loaded, bench, **told)[0]
+        # and one sum of numbers below 32
+        want = expected + load * loaded.load_torque_nm
         np.testing.assert_allclose(got, want, rtol=0, atol=8e-15)
     a, o = motion.angle_rad, motion.output_angle_rad
     want = {
@@ -143,20 +136,10 @@ def test_causes_add_up_and_stand_in_the_terms(bench, make_motion):
     want = 0.5 * np.cos(100 * np.pi * motion.time_s - math.atan2(0.4, 0.3))
     want += 0.002 * motion.velocity_rad_s
     # phases of the hum up to 1000 rad: doubles 1e-13 apart
-    np.testing.assert_allclose(model.cause_torque_nm(motion), want, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        model.torque_nm(motion) - base.torque_nm(motion), want, rtol=0, atol=1e-12
-    )
-    assert model.terms() == (
-        "zero",
-        "expected-torque",
-        "load",
-        "ripple-2",
-        "ripple-4",
-        "misalignment",
-        "mains-hum",
-        "viscous-friction",
-    )
+    for got in (model.cause_torque_nm(motion), model.torque_nm(motion) - base.torque_nm(motion)):
+        np.testing.assert_allclose(got, want, rtol=0, atol=1e-12)
+    terms = "zero expected-torque load ripple-2 ripple-4 misalignment mains-hum viscous-friction"
+    assert " ".join(model.terms()) == terms
     assert base.causes == ()
 
 
@@ -176,22 +159,18 @@ def test_what_acts_on_the_whole_signal_sees_baseline_load_and_causes(bench, make
     base = BenchModel.from_profile(bench)
     hum = CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.3, 0.4))
     limited = CauseTerm("saturation", {"limit_nm": 20.0, "sharpness": 1.0}, (1.0,))
-    # in either order
-    for model in (
-        base.with_cause(limited).with_cause(hum),
-        base.with_cause(hum).with_cause(limited),
-    ):
-        want = 20.0 * np.tanh(base.with_cause(hum).torque_nm(motion) / 20.0)
-        np.testing.assert_allclose(model.torque_nm(motion), want, rtol=0, atol=1e-13)
+    want = 20.0 * np.tanh(base.with_cause(hum).torque_nm(motion) / 20.0)
+    for one, other in ((limited, hum), (hum, limited)):
+        got = base.with_cause(one).with_cause(other).torque_nm(motion)
+        np.testing.assert_allclose(got, want, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["gain-error", "cubic-nonlinearity", "direction-asymmetry"])
 def test_without_a_measured_load_the_torque_is_the_expected_one(name, make_motion):
     term = CauseTerm(name, {}, (0.1,))
-    free, expected = (
-        make_motion(load_torque_nm=None),
-        make_motion(load_torque_nm=1.725e-4 * make_motion().acceleration_rad_s2, inertia_nm_s2=0.0),
-    )
+    free = make_motion(load_torque_nm=None)
+    load = 1.725e-4 * free.acceleration_rad_s2
+    expected = make_motion(load_torque_nm=load, inertia_nm_s2=0.0)
     got, want = term_torque_nm(term, free), term_torque_nm(term, expected)
     np.testing.assert_allclose(got, want, rtol=1e-13)
 

@@ -10,7 +10,6 @@ import pytest
 from hdbench.model import Motion, catalogue, shape_bounds
 
 Make = Callable[..., Motion]
-Shape = dict[str, float]
 
 
 def steady(make: Make, **replaced: Any) -> Motion:
@@ -42,77 +41,66 @@ def test_a_constant_speed_without_load_shows_what_it_can(make_motion):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "words"),
-    [
-        ("load-dependent-ripple", {}, "no load_torque_nm"),
-        ("gain-ripple", {"load_torque_nm": np.zeros(20_000)}, "zero throughout"),
-        ("torsional-resonance", {}, "more than 5 %"),
-        ("kinematic-error", {"inertia_nm_s2": 0.0}, "no inertia"),
-        ("cubic-stiffness", {}, "no load_torque_nm"),
-        (
-            "cubic-stiffness",
-            {"load_torque_nm": np.ones(20_000), "time_s": np.arange(20_000) * 1.0},
-            "one sample per 1 s",
-        ),
-        ("piecewise-stiffness", {}, "no load_torque_nm"),
-        ("backlash", {"load_torque_nm": np.linspace(0, 30, 20_000)}, "needed: both signs"),
-        ("side-force", {}, "no load_torque_nm"),
-        ("hysteresis", {"load_torque_nm": np.linspace(0, 30, 20_000)}, "rises by 30 N m and falls"),
-        ("position-dependent-gain", {}, "no load_torque_nm"),
-        ("presliding", {}, "keeps one direction"),
-        ("creep", {}, "no load_torque_nm"),
-        (
-            "creep",
-            {"load_torque_nm": np.arange(20_000) * 1e-3, "time_s": np.arange(20_000) * 1e-5},
-            "0.2 s",
-        ),
-        ("time-skew", {}, "torque is constant"),
-        ("crosstalk", {"motor_current_a": None}, "no motor_current_a"),
-        ("crosstalk", {"motor_current_a": np.full(20_000, 2.0)}, "is constant"),
-        ("angular-misalignment", {"output_angle_rad": np.linspace(0, 3, 20_000)}, "0.477 turns"),
-        ("gain-error", {"load_torque_nm": np.zeros(20_000)}, "zero throughout"),
-        ("tooth-mesh", {}, "motor_angle_rad or encoder_count"),
-        ("coulomb-friction", {}, "keeps one direction"),
-        ("viscous-friction", {}, "more than 5 %"),
-        ("inertia-error", {}, "changes faster"),
-        ("asymmetric-friction", {}, "one direction alone"),
-        (
-            "asymmetric-friction",
-            {"velocity_rad_s": np.repeat([100.0, -100.0], 10_000)},
-            "varies by 0 rad/s of 100",
-        ),
-        ("cogging", {"angle_rad": np.linspace(0, 6, 20_000)}, "0.955 turns"),
-        ("transmission-error", {}, "needed: a ripple"),
-        (
-            "transmission-error",
-            {"ripple_slope_nm_per_rad": np.zeros(20_000)},
-            "does not follow the motor angle",
-        ),
-        (
-            "transmission-error",
-            {
-                "ripple_slope_nm_per_rad": np.ones(20_000),
-                "output_angle_rad": np.linspace(0, 3, 20_000),
-            },
-            "0.477 turns",
-        ),
-        ("ripple-harmonic", {"angle_rad": np.linspace(0, 6, 20_000)}, "0.955 turns"),
-        ("misalignment", {"output_angle_rad": np.linspace(0, 1.5, 20_000)}, "output covers 0.239"),
-        ("mains-hum", {"time_s": np.arange(20_000) * 0.0125}, "80 samples/s"),
-        ("structural-tone", {"time_s": np.arange(20_000) * 1e-5}, "0.2 s"),
-        ("warm-up", {"time_s": np.arange(20_000) * 1e-5}, "0.2 s"),
-        (
-            "stribeck-friction",
-            {"velocity_rad_s": np.repeat([100.0, -100.0], 10_000)},
-            "0 samples move slower",
-        ),
-    ],
-)
+def up_to(end: float) -> np.ndarray:
+    return np.linspace(0, end, 20_000)
+
+
+BOTH_WAYS = np.repeat([100.0, -100.0], 10_000)
+STEPS = np.arange(20_000)
+CANNOT_SHOW: list[tuple[str, dict[str, Any], str]] = [
+    ("load-dependent-ripple", {}, "no load_torque_nm"),
+    ("gain-ripple", {"load_torque_nm": 0.0 * STEPS}, "zero throughout"),
+    ("torsional-resonance", {}, "more than 5 %"),
+    ("kinematic-error", {"inertia_nm_s2": 0.0}, "no inertia"),
+    ("cubic-stiffness", {}, "no load_torque_nm"),
+    (
+        "cubic-stiffness",
+        {"load_torque_nm": np.ones(20_000), "time_s": 1.0 * STEPS},
+        "one sample per 1 s",
+    ),
+    ("piecewise-stiffness", {}, "no load_torque_nm"),
+    ("backlash", {"load_torque_nm": up_to(30)}, "needed: both signs"),
+    ("side-force", {}, "no load_torque_nm"),
+    ("hysteresis", {"load_torque_nm": up_to(30)}, "rises by 30 N m and falls"),
+    ("position-dependent-gain", {}, "no load_torque_nm"),
+    ("presliding", {}, "keeps one direction"),
+    ("creep", {}, "no load_torque_nm"),
+    ("creep", {"load_torque_nm": STEPS * 1e-3, "time_s": STEPS * 1e-5}, "0.2 s"),
+    ("time-skew", {}, "torque is constant"),
+    ("crosstalk", {"motor_current_a": None}, "no motor_current_a"),
+    ("crosstalk", {"motor_current_a": np.full(20_000, 2.0)}, "is constant"),
+    ("angular-misalignment", {"output_angle_rad": up_to(3)}, "0.477 turns"),
+    ("gain-error", {"load_torque_nm": 0.0 * STEPS}, "zero throughout"),
+    ("tooth-mesh", {}, "motor_angle_rad or encoder_count"),
+    ("coulomb-friction", {}, "keeps one direction"),
+    ("viscous-friction", {}, "more than 5 %"),
+    ("inertia-error", {}, "changes faster"),
+    ("asymmetric-friction", {}, "one direction alone"),
+    ("asymmetric-friction", {"velocity_rad_s": BOTH_WAYS}, "varies by 0 rad/s of 100"),
+    ("cogging", {"angle_rad": up_to(6)}, "0.955 turns"),
+    ("transmission-error", {}, "needed: a ripple"),
+    (
+        "transmission-error",
+        {"ripple_slope_nm_per_rad": 0.0 * STEPS},
+        "does not follow the motor angle",
+    ),
+    (
+        "transmission-error",
+        {"ripple_slope_nm_per_rad": np.ones(20_000), "output_angle_rad": up_to(3)},
+        "0.477 turns",
+    ),
+    ("ripple-harmonic", {"angle_rad": up_to(6)}, "0.955 turns"),
+    ("misalignment", {"output_angle_rad": up_to(1.5)}, "output covers 0.239"),
+    ("mains-hum", {"time_s": STEPS * 0.0125}, "80 samples/s"),
+    ("structural-tone", {"time_s": STEPS * 1e-5}, "0.2 s"),
+    ("warm-up", {"time_s": STEPS * 1e-5}, "0.2 s"),
+    ("stribeck-friction", {"velocity_rad_s": BOTH_WAYS}, "0 samples move slower"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "words"), CANNOT_SHOW)
 def test_a_record_that_cannot_show_a_cause_says_why(name, change, words, make_motion):
-    reason = catalogue()[name].applicable(steady(make_motion, **change))
-    assert reason is not None
-    assert words in reason
+    assert words in str(catalogue()[name].applicable(steady(make_motion, **change)))
 
 
 def test_a_record_with_everything_shows_every_cause(make_motion):

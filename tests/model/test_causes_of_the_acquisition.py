@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -45,12 +44,8 @@ def test_a_cause_that_is_no_torque_has_no_column(name, make_motion):
     assert (cause.change_motion is not None) == of_angle_or_clock
 
 
-def turning(time: np.ndarray, **columns: Any) -> Trace:
-    return Trace({"time_s": time, **columns}, "test")
-
-
 def moved(bench, time, **columns):
-    return motion_from_trace(turning(time, **columns), bench)
+    return motion_from_trace(Trace({"time_s": time, **columns}), bench)
 
 
 def test_a_slip_is_taken_out_of_the_angle(bench):
@@ -89,9 +84,8 @@ def test_a_slip_of_the_motor_leaves_a_measured_output_alone(make_motion):
     motion = make_motion(output_source="output_angle_rad")
     found = true_motion(motion, "encoder-slip", step_time_s=3.1, slip_rad=1.0)
     assert (found.output_angle_rad == motion.output_angle_rad).all()
-    assert (
-        found.angle_rad[motion.time_s >= 3.1] == motion.angle_rad[motion.time_s >= 3.1] - 1
-    ).all()
+    late = motion.time_s >= 3.1
+    assert (found.angle_rad[late] == motion.angle_rad[late] - 1).all()
 
 
 def test_missed_samples_are_given_their_time_and_angle(bench):
@@ -140,12 +134,13 @@ def test_the_simulation_uses_the_motion_that_the_bench_had(bench):
         CauseTerm("ripple-harmonic", {"order": 7.0}, (0.1, 0.0))
     )
     columns = {"motor_velocity_rad_s": np.full(3000, 40.0), "motor_angle_rad": slipped}
+    trace = Trace({"time_s": time, **columns})
     faulty = model.with_cause(CauseTerm("encoder-slip", {"step_time_s": 1.5, "slip_rad": 0.3}, ()))
-    got = simulate_like(turning(time, **columns), bench, faulty)["torque_nm"]
+    got = simulate_like(trace, bench, faulty)["torque_nm"]
     want = 0.4 * np.cos(2 * angle + 0.6) + 0.1 * np.cos(7 * angle)
     # angles of 840 rad: doubles 1e-13 apart
     np.testing.assert_allclose(got, want, rtol=0, atol=1e-12)
-    plain = simulate_like(turning(time, **columns), bench, model)["torque_nm"]
+    plain = simulate_like(trace, bench, model)["torque_nm"]
     assert np.abs(plain - want).max() > 0.2
 
 
@@ -230,7 +225,8 @@ def test_the_true_torque_keeps_the_friction_and_nothing_made_of_the_ripple(bench
         model = model.with_cause(term)
     time = np.arange(3000) * 1e-3
     angle = 100.0 * (1 - np.cos(2 * time))
-    trace = turning(time, motor_velocity_rad_s=200.0 * np.sin(2 * time), motor_angle_rad=angle)
+    columns = {"motor_velocity_rad_s": 200.0 * np.sin(2 * time), "motor_angle_rad": angle}
+    trace = Trace({"time_s": time, **columns})
     simulated = simulate_like(trace, bench, model)
     quiet = replace(model, ripple=(), misalignment=(0.0, 0.0), causes=model.causes[2:])
     kept = simulate_like(trace, bench, quiet)["torque_nm"]
@@ -239,15 +235,13 @@ def test_the_true_torque_keeps_the_friction_and_nothing_made_of_the_ripple(bench
 
 def test_what_is_counted_is_whole_and_what_rolls_is_not():
     (rolling,), (counted,) = catalogue()["bearing-defect"].shape, catalogue()["cogging"].shape
-    for order in (10.35, 12.65, 4.95, 0.45, 0.2, 19.95):
-        assert rolling.contains(order)
-        assert not counted.contains(order)
-    for order in (3.0, 12.0, 12.015, 60.0):
-        assert counted.contains(order)
-        assert not rolling.contains(order)
-    for order in (1.0, 2.0, 4.0, 61.0):
-        assert not counted.contains(order)
-        assert not rolling.contains(order)
+    for orders, rolls, is_counted in (
+        ((10.35, 12.65, 4.95, 0.45, 0.2, 19.95), True, False),
+        ((3.0, 12.0, 12.015, 60.0), False, True),
+        ((1.0, 2.0, 4.0, 61.0), False, False),
+    ):
+        for order in orders:
+            assert (rolling.contains(order), counted.contains(order)) == (rolls, is_counted)
     with pytest.raises(DataError, match=r"needed: 11\.02 to 11\.98 or 12\.02 to 12\.98 1"):
         check_term(CauseTerm("bearing-defect", {"order": 12.0}, (0.0,) * 6), where="here")
 

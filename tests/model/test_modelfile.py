@@ -113,30 +113,30 @@ def test_the_example_on_the_page_is_a_model(tmp_path):
     assert [term.name for term in model.causes] == ["mains-hum"]
 
 
+def of_baseline(**changes: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda body: body["baseline"].update(changes)
+
+
+def of_cause(**changes: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda body: body["causes"][0].update(changes)
+
+
 def parameters_of(body: dict[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = body["causes"][0]["parameters"]
-    return found
+    return body["causes"][0]["parameters"]
 
 
+NUMBER = "needed: a valid number"
 BROKEN: list[tuple[Callable[[dict[str, Any]], object], str, str]] = [
     (lambda b: b.update(schema="hdbench/ripple/1"), "hdbench/model/1", ""),
     (lambda b: b.pop("baseline"), "found nothing; needed: this key", "baseline"),
     (lambda b: b.pop("causes"), "found nothing; needed: this key", "causes"),
-    (
-        lambda b: b["baseline"].update(zero_nm="0"),
-        "found '0'; needed: a valid number",
-        "baseline.zero_nm",
-    ),
-    (lambda b: b["baseline"].update(zero_nm=True), "found True", "baseline.zero_nm"),
-    (
-        lambda b: b["baseline"].update(inertia_nm_s2=-1),
-        "greater than or equal to 0",
-        "baseline.inertia_nm_s2",
-    ),
+    (of_baseline(zero_nm="0"), f"found '0'; {NUMBER}", "baseline.zero_nm"),
+    (of_baseline(zero_nm=True), "found True", "baseline.zero_nm"),
+    (of_baseline(inertia_nm_s2=-1), "greater than or equal to 0", "baseline.inertia_nm_s2"),
     (lambda b: b["baseline"]["ripple"][1].pop("order"), "found nothing", "baseline.ripple.1.order"),
-    (lambda b: b["baseline"].update(ripple=[3]), "found 3; needed: an object", "ripple.0"),
-    (lambda b: b["causes"][0].update(name="mains_hum"), "nearest is 'mains-hum'", "causes.0.name"),
-    (lambda b: b["causes"][0].update(name=5), "found 5; needed: a valid string", "causes.0.name"),
+    (of_baseline(ripple=[3]), "found 3; needed: an object", "ripple.0"),
+    (of_cause(name="mains_hum"), "nearest is 'mains-hum'", "causes.0.name"),
+    (of_cause(name=5), "found 5; needed: a valid string", "causes.0.name"),
     (lambda b: parameters_of(b).pop("frequency_hz"), "'frequency_hz' of mains-hum is missing", ""),
     (
         lambda b: parameters_of(b).update(frequency={"value": 1.0}),
@@ -145,13 +145,9 @@ BROKEN: list[tuple[Callable[[dict[str, Any]], object], str, str]] = [
     ),
     (lambda b: parameters_of(b)["frequency_hz"].update(value=55), "59.5 to 60.5 Hz", ""),
     (lambda b: parameters_of(b)["cosine_nm"].update(value=0.7), "one of the two", ""),
-    (lambda b: b["causes"][0].update(covariance=[[1.0, 2.0]]), "no square matrix", "covariance"),
-    (
-        lambda b: b["causes"][0].update(covariance=[[None] * 3] * 3),
-        "needed: a valid number",
-        "covariance",
-    ),
-    (lambda b: b["causes"][0].update(covariance="x"), "needed: a valid array", "covariance"),
+    (of_cause(covariance=[[1.0, 2.0]]), "no square matrix", "covariance"),
+    (of_cause(covariance=[[None] * 3] * 3), NUMBER, "covariance"),
+    (of_cause(covariance="x"), "needed: a valid array", "covariance"),
 ]
 
 

@@ -27,9 +27,8 @@ def loads(rows, **more):
 
 
 def test_readings_stand_still_under_their_loads():
-    motion = motion_from_loads(
-        loads([("a", 0.0, 0.0), ("a", 9.0, 30.0), ("b", 1.0, 90.0)]), PROFILE
-    )
+    rows = [("a", 0.0, 0.0), ("a", 9.0, 30.0), ("b", 1.0, 90.0)]
+    motion = motion_from_loads(loads(rows), PROFILE)
     assert motion.load_torque_nm.tolist() == [0.0, 9.0, 1.0]
     assert motion.applied_nm.tolist() == [0.0, 9.0, 1.0]
     assert not motion.velocity_rad_s.any()
@@ -39,10 +38,8 @@ def test_readings_stand_still_under_their_loads():
     assert motion.starts.tolist() == [True, False, True]
     assert motion.time_s.tolist() == [0.0, 30.0, 90.0]
     assert motion.temperature_c is None
-    warm = motion_from_loads(
-        loads([("a", 0.0, 0.0), ("a", 9.0, 30.0)], temperature_c=21.5), PROFILE
-    )
-    assert warm.temperature_c.tolist() == [21.5, 21.5]
+    warm = motion_from_loads(loads(rows, temperature_c=21.5), PROFILE)
+    assert warm.temperature_c.tolist() == [21.5, 21.5, 21.5]
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,6 @@ from hdbench.model import (
 )
 from hdbench.model.cause import plugin_causes
 
-Make = Callable[..., Motion]
 EXAMPLE = (Path(__file__).parents[2] / "docs" / "causes.md").read_text(encoding="utf-8")
 
 
@@ -39,6 +38,10 @@ def written(path: Path, text: str) -> Path:
 def one(tmp_path: Path, text: str) -> Cause:
     (cause,) = load_causes(written(tmp_path / "own.toml", '[[cause]]\nname = "own"\n' + text))
     return cause
+
+
+def tone_named(name: str) -> str:
+    return f'[[cause]]\nname = "{name}"\nkind = "tone"\nfrequencies_hz = [3]\n'
 
 
 def by_hand(cause: Cause, motion: Motion, shape: dict[str, float], want: np.ndarray) -> None:
@@ -79,13 +82,13 @@ def test_an_order_that_is_fitted_brings_its_harmonics(tmp_path, make_motion):
 
 def test_a_tone_is_a_sine_over_time(tmp_path, make_motion):
     fixed = one(tmp_path, 'kind = "tone"\nfrequencies_hz = [37.0]')
+    free = one(tmp_path, 'kind = "tone"\nfrequency_range_hz = [30, 45]')
     motion = make_motion()
     phase = 2 * math.pi * 37.0 * motion.time_s
-    by_hand(fixed, motion, {}, np.column_stack([np.cos(phase), np.sin(phase)]))
-    assert fixed.harmonic
-    free = one(tmp_path, 'kind = "tone"\nfrequency_range_hz = [30, 45]')
     want = np.column_stack([np.cos(phase), np.sin(phase)])
+    by_hand(fixed, motion, {}, want)
     by_hand(free, motion, {"frequency_hz": 37.0}, want)
+    assert fixed.harmonic
 
 
 @pytest.mark.parametrize(
@@ -125,6 +128,7 @@ def test_a_record_without_temperature_says_so(tmp_path, make_motion):
         model.torque_nm(make_motion(temperature_c=None))
 
 
+TABLE = 'kind = "table"\nof = "motor"\n'
 BAD = [
     ('kind = "tone"\nfrequency_hz = 3', ":4", "unknown", "frequencies_hz"),
     ('kind = "tone"', ":1", "either frequencies_hz or frequency_range_hz", ""),
@@ -137,18 +141,8 @@ BAD = [
     ('kind = "harmonics"\nof = "belt"\norders = [2]', ":4", "found 'belt'", ""),
     ('kind = "harmonics"\nof = "motor"\norders = [2, 2]', ":5", "a value twice", ""),
     ('kind = "polynomial"\nover = "load"\npowers = [0]', ":5", "found 0", ""),
-    (
-        'kind = "table"\nof = "motor"\nangle_rad = [2, 1]\ntorque_nm = [0, 1]',
-        ":1",
-        "does not increase",
-        "",
-    ),
-    (
-        'kind = "table"\nof = "motor"\nangle_rad = [1, 2]\ntorque_nm = [0, 1, 2]',
-        ":1",
-        "2 angles and 3 torques",
-        "",
-    ),
+    (TABLE + "angle_rad = [2, 1]\ntorque_nm = [0, 1]", ":1", "does not increase", ""),
+    (TABLE + "angle_rad = [1, 2]\ntorque_nm = [0, 1, 2]", ":1", "2 angles and 3 torques", ""),
     ('kind = "tone"\nfrequencies_hz = [3]\nlook_alikes = ["ripple"]', ":5", "'ripple'", "ripple-"),
 ]
 
@@ -170,15 +164,9 @@ def test_a_wrong_entry_is_told_by_line_and_need(text, line, what, fix, tmp_path)
         ("cause = []", "holds no cause"),
         ("cause = 3", "found 3"),
         ("[[cause", "not TOML"),
-        ('[[cause]]\nname = "Own"\nkind = "tone"\nfrequencies_hz = [3]', "found 'Own'"),
-        (
-            '[[cause]]\nname = "backlash"\nkind = "tone"\nfrequencies_hz = [3]',
-            "'backlash' is a name of the catalogue",
-        ),
-        (
-            '[[cause]]\nname = "x"\nkind = "tone"\nfrequencies_hz = [3]\n' * 2,
-            "'x' is a name of a cause above it",
-        ),
+        (tone_named("Own"), "found 'Own'"),
+        (tone_named("backlash"), "'backlash' is a name of the catalogue"),
+        (tone_named("x") * 2, "'x' is a name of a cause above it"),
     ],
 )
 def test_a_wrong_file_is_told(text, what, tmp_path):
@@ -197,8 +185,7 @@ def test_every_problem_of_a_file_is_told_at_once(tmp_path):
 
 
 def test_several_files_may_not_share_a_name(tmp_path):
-    text = '[[cause]]\nname = "own"\nkind = "tone"\nfrequencies_hz = [3]\n'
-    first, second = (written(tmp_path / f"{n}.toml", text) for n in "ab")
+    first, second = (written(tmp_path / f"{n}.toml", tone_named("own")) for n in "ab")
     assert [c.name for c in user_causes([first])] == ["own"]
     assert user_causes([]) == ()
     with pytest.raises(DataError, match=r"stands in .*a\.toml too"):
@@ -264,8 +251,7 @@ def entry_of(thing: object, name: str) -> SimpleNamespace:
 
 
 def renamed(name: str) -> Cause:
-    base = catalogue()["viscous-friction"]
-    return replace(base, name=name)
+    return replace(catalogue()["viscous-friction"], name=name)
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from hdbench.plant.converter import (
 
 
 @pytest.mark.parametrize("n_steps", [4, 10, 100])
-def test_filter_is_flat_in_the_pass_band_and_down_in_the_stop_band(n_steps: int) -> None:
+def test_filter_is_flat_in_the_pass_band_and_down_in_the_stop_band(n_steps):
     taps = Decimator.design(n_steps).taps.ravel()
     frequency, response = freqz(taps, worN=8192, fs=n_steps)
     passed = np.abs(response[frequency <= 0.36])
@@ -25,7 +25,7 @@ def test_filter_is_flat_in_the_pass_band_and_down_in_the_stop_band(n_steps: int)
     assert 20 * np.log10(np.abs(response[frequency >= 0.64]).max()) < -60.0
 
 
-def test_filter_is_symmetric_about_the_time_stamp() -> None:
+def test_filter_is_symmetric_about_the_time_stamp():
     taps = Decimator.design(10).taps.ravel()
     assert taps[0] == 0.0
     # symmetric to the rounding of taps below 0.1
@@ -35,7 +35,7 @@ def test_filter_is_symmetric_about_the_time_stamp() -> None:
     assert taps.sum() == pytest.approx(1.0, rel=1e-14)
 
 
-def test_filtered_sine_has_no_lag() -> None:
+def test_filtered_sine_has_no_lag():
     decimator = Decimator.design(10)
     time = (np.arange(640) - 80).reshape(64, 10) / 10.0
     phase = 2 * math.pi * 0.2 * time + 0.4
@@ -46,31 +46,19 @@ def test_filtered_sine_has_no_lag() -> None:
     np.testing.assert_allclose(np.sin(lag), 0.0, rtol=0, atol=1e-13)
 
 
-def test_a_tone_beyond_the_stop_band_does_not_fold_back() -> None:
-    time = (np.arange(2000) - 80).reshape(200, 10) / 10.0
-    filtered = Decimator.design(10).apply(np.sin(2 * math.pi * 0.97 * time)[None])
-    # 60 dB
-    assert np.abs(filtered).max() < 1e-3
-
-
 @pytest.mark.parametrize(
     ("period_s", "steps"), [(1e-3, 10), (0.01, 100), (7e-4, 7), (1e-4, 4), (1.05e-3, 11)]
 )
-def test_motion_is_integrated_at_ten_kilohertz_or_finer(period_s: float, steps: int) -> None:
+def test_motion_is_integrated_at_ten_kilohertz_or_finer(period_s, steps):
     assert steps_per_sample(period_s) == steps
 
 
-def test_codes_hold_at_the_ends_of_the_range() -> None:
-    codes = to_code(np.array([-99.0, -10.0, 0.0, 9.9999, 10.0, 99.0]), 10.0, 16)
-    assert codes.tolist() == [-32768, -32768, 0, 32767, 32767, 32767]
-
-
 @pytest.mark.parametrize("bits", [8, 12, 14, 16])
-def test_codes_keep_to_the_resolution(bits: int) -> None:
+def test_codes_keep_to_the_resolution(bits):
     step = 1 << (16 - bits)
     volts = np.linspace(-11.0, 11.0, 5001)
     codes = to_code(volts, 10.0, bits).astype(np.int64)
-    assert set((codes % step).tolist()) == {0}
+    assert not (codes % step).any()
     inside = np.abs(volts) < 9.9
     error = codes[inside] * 10.0 / 32768 - volts[inside]
     # half a step, and rounding of one double operation
@@ -79,7 +67,7 @@ def test_codes_keep_to_the_resolution(bits: int) -> None:
     assert codes.min() == -32768
 
 
-def test_counts_have_no_mean_error_in_either_direction() -> None:
+def test_counts_have_no_mean_error_in_either_direction():
     angle = np.linspace(0.0, 400.0, 100_001)
     for sign in (1.0, -1.0):
         counts = to_count(sign * angle, 4000)

@@ -28,15 +28,12 @@ PROFILE = quiet_profile(
 def recorded(effect: dict[str, Any], wave: ReferenceWave) -> tuple[Motion, FloatArray]:
     bench = SimulatedBench(PROFILE, plant(effects=[effect]), 5)
     raw = run(bench, wave, 20_000)
-    trace = Trace(
-        {
-            "time_s": 1e-3 * np.arange(20_000),
-            "motor_velocity_rad_s": raw.tacho_code * V_PER_CODE * PROFILE.tacho.gain_rad_s_per_v,
-            "encoder_count": raw.encoder_count.astype(np.float64),
-        },
-        "test",
-    )
-    return motion_from_trace(trace, PROFILE), raw.torque_code * NM_PER_CODE
+    columns = {
+        "time_s": 1e-3 * np.arange(20_000),
+        "motor_velocity_rad_s": raw.tacho_code * V_PER_CODE * PROFILE.tacho.gain_rad_s_per_v,
+        "encoder_count": raw.encoder_count.astype(np.float64),
+    }
+    return motion_from_trace(Trace(columns), PROFILE), raw.torque_code * NM_PER_CODE
 
 
 def explained(name: str, shape: dict[str, float], motion: Motion, torque: FloatArray) -> FloatArray:
@@ -54,10 +51,10 @@ def explained(name: str, shape: dict[str, float], motion: Motion, torque: FloatA
     fit = np.linalg.lstsq(design[good], (torque - fixed)[good], rcond=None)[0]
     left = (torque - fixed - design @ fit)[good]
     assert left.std() < 0.1 * before.std()
-    return np.asarray(fit[: own.shape[1]])
+    return fit[: own.shape[1]]
 
 
-def test_a_wandering_encoder_is_a_transmission_error() -> None:
+def test_a_wandering_encoder_is_a_transmission_error():
     effect = {"kind": "transmission-error", "order": 1.0, "amplitude_rad": 0.05, "phase_rad": 0.7}
     motion, torque = recorded(effect, constant(1.2))
     fit = explained("transmission-error", {}, motion, torque)
@@ -67,36 +64,27 @@ def test_a_wandering_encoder_is_a_transmission_error() -> None:
     np.testing.assert_allclose(fit[[0, 1, 4, 5]], 0.0, rtol=0, atol=2.5e-4)
 
 
-def test_the_motor_s_poles_are_cogging() -> None:
-    effect = {
-        "kind": "cogging", "order": 6.0, "amplitude_nm": 0.2, "phase_rad": 0.4, "decay": 0.2,
-    }  # fmt: skip
-    motion, torque = recorded(effect, constant(0.5))
+def test_the_motor_s_poles_are_cogging():
+    effect = {"kind": "cogging", "order": 6.0, "amplitude_nm": 0.2, "phase_rad": 0.4}
+    motion, torque = recorded({**effect, "decay": 0.2}, constant(0.5))
     fit = explained("cogging", {"order": 6.0}, motion, torque)
-    want = [
-        part
-        for k in (1, 2, 3, 6)
-        for part in (
-            0.2 * 0.2 ** (k - 1) * math.cos(0.4 * k),
-            -0.2 * 0.2 ** (k - 1) * math.sin(0.4 * k),
-        )
-    ]
+    waves = [0.2 * 0.2 ** (k - 1) * np.exp(-0.4j * k) for k in (1, 2, 3, 6)]
+    want = [part for wave in waves for part in (wave.real, wave.imag)]
     # the anti-alias filter passes 0.1 %; a code is 2 mN m, 20 000 of them average out
     np.testing.assert_allclose(fit, want, rtol=0, atol=3e-4)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_friction_by_direction_is_asymmetric(sign: float) -> None:
+def test_friction_by_direction_is_asymmetric(sign):
     effect = {
         "kind": "asymmetric-friction",
         "coulomb_difference_nm": 0.2 * sign,
         "viscous_difference_nm_s_per_rad": 0.3,
         "transition_rad_s": 0.005,
     }
-    motion, torque = recorded(
-        effect, ReferenceWave(wave="trapezoid", amplitude_v=2.0, frequency_hz=0.1, rise=0.3,
-                              duty=0.3, fall=0.3)
-    )  # fmt: skip
+    edges = {"rise": 0.3, "duty": 0.3, "fall": 0.3}
+    wave = ReferenceWave(wave="trapezoid", amplitude_v=2.0, frequency_hz=0.1, **edges)
+    motion, torque = recorded(effect, wave)
     dry, viscous = explained("asymmetric-friction", {}, motion, torque)
     # per output speed in the plant, per motor speed in the cause
     assert viscous == pytest.approx(0.003, rel=0.02)

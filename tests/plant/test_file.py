@@ -3,10 +3,11 @@
 import hashlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hdbench.errors import ProfileError
-from hdbench.plant.plantfile import draw_effects, list_plants, load_plant
+from hdbench.plant.plantfile import PlantSpec, draw_effects, list_plants, load_plant
 
 GOOD = """name = "mine"
 
@@ -23,31 +24,31 @@ amplitude_nm = 0.1
 """
 
 
-def _bad(tmp_path: Path, text: str) -> ProfileError:
-    file = tmp_path / "bad.toml"
+def _load(tmp_path: Path, text: str) -> PlantSpec:
+    file = tmp_path / "mine.toml"
     file.write_text(text, encoding="utf-8")
+    return load_plant(str(file))
+
+
+def _bad(tmp_path: Path, text: str) -> ProfileError:
     with pytest.raises(ProfileError) as caught:
-        load_plant(str(file))
+        _load(tmp_path, text)
     return caught.value
 
 
-def test_the_package_has_its_two_plants() -> None:
+def test_the_package_has_its_two_plants():
     assert {"as-modelled", "worn"} <= set(list_plants())
     assert load_plant("as-modelled").data.effects == ()
     assert load_plant("worn").name == "worn"
 
 
-def test_a_file_of_ones_own_is_read(tmp_path: Path) -> None:
-    file = tmp_path / "mine.toml"
-    file.write_text(GOOD, encoding="utf-8")
-    spec = load_plant(str(file))
+def test_a_file_of_ones_own_is_read(tmp_path):
+    spec = _load(tmp_path, GOOD)
     assert [effect.kind for effect in spec.data.effects] == ["motor-order", "tone"]
     assert spec.sha256 == hashlib.sha256(GOOD.encode()).hexdigest()
-    import numpy as np
-
     order, tone = draw_effects(spec, np.random.default_rng(0))
-    assert order.order == 7.9  # type: ignore[union-attr]
-    assert tone.frequency_hz in (50.0, 60.0)  # type: ignore[union-attr]
+    assert order.order == 7.9
+    assert tone.frequency_hz in (50.0, 60.0)
 
 
 @pytest.mark.parametrize(
@@ -65,22 +66,19 @@ def test_a_file_of_ones_own_is_read(tmp_path: Path) -> None:
         ("phase_rad = 0.0", 'phase_rad = "east"', 7, "east"),
     ],
 )
-def test_a_problem_is_named_with_its_line(
-    tmp_path: Path, old: str, new: str, line: int, says: str
-) -> None:
+def test_a_problem_is_named_with_its_line(tmp_path, old, new, line, says):
     error = _bad(tmp_path, GOOD.replace(old, new))
     assert error.exit_code == 4
-    assert error.where.endswith(f"bad.toml:{line}")
+    assert error.where.endswith(f"mine.toml:{line}")
     assert says in error.what
 
 
-def test_an_unknown_key_gets_its_nearest_neighbour(tmp_path: Path) -> None:
+def test_an_unknown_key_gets_its_nearest_neighbour(tmp_path):
     error = _bad(tmp_path, GOOD.replace("frequency_hz", "frequenzy_hz"))
-    fixes = [problem.fix for problem in error.problems]
-    assert "did you mean 'frequency_hz'?" in fixes
+    assert "did you mean 'frequency_hz'?" in [problem.fix for problem in error.problems]
 
 
-def test_every_problem_is_named_at_once_in_the_order_of_the_lines(tmp_path: Path) -> None:
+def test_every_problem_is_named_at_once_in_the_order_of_the_lines(tmp_path):
     text = GOOD.replace("7.9", "-1").replace("phase_rad = 0.0", "phase = 0.0")
     error = _bad(tmp_path, text)
     lines = [int(problem.where.rpartition(":")[2]) for problem in error.problems]
@@ -88,29 +86,27 @@ def test_every_problem_is_named_at_once_in_the_order_of_the_lines(tmp_path: Path
     assert len(lines) == 3
 
 
-def test_what_is_no_toml_is_named_with_its_line(tmp_path: Path) -> None:
+def test_what_is_no_toml_is_named_with_its_line(tmp_path):
     assert ":2" in _bad(tmp_path, "name = 'x'\nname = \n").where
 
 
-def test_a_name_that_does_not_exist_gets_its_nearest_neighbour() -> None:
+def test_a_name_that_does_not_exist_gets_its_nearest_neighbour():
     with pytest.raises(ProfileError, match="no such plant") as caught:
         load_plant("wron")
     assert "did you mean 'worn'?" in caught.value.fix
 
 
-def test_a_folder_is_no_plant(tmp_path: Path) -> None:
+def test_a_folder_is_no_plant(tmp_path):
     with pytest.raises(ProfileError, match="not a regular file"):
         load_plant(str(tmp_path))
 
 
-def test_poles_are_whole_and_a_decay_is_a_share(tmp_path: Path) -> None:
+def test_poles_are_whole_and_a_decay_is_a_share(tmp_path):
     text = GOOD + (
         '[[effects]]\nkind = "cogging"\norder = { any_of = [12, 18] }\namplitude_nm = 0.1\n'
         "phase_rad = 0.0\ndecay = { min = 0.1, max = 0.3 }\n"
     )
-    file = tmp_path / "mine.toml"
-    file.write_text(text, encoding="utf-8")
-    assert load_plant(str(file)).data.effects[-1].kind == "cogging"
+    assert _load(tmp_path, text).data.effects[-1].kind == "cogging"
     assert "whole" in _bad(tmp_path, text.replace("[12, 18]", "[12, 18.5]")).what
     assert "whole" in _bad(tmp_path, text.replace("any_of = [12, 18]", "min = 3, max = 5")).what
     assert "[0, 1)" in _bad(tmp_path, text.replace("max = 0.3", "max = 1.0")).what

@@ -11,8 +11,6 @@ from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.fixture import ArmLoad, PositionGain
 from hdbench.plant.plantfile import FixtureSpec
 
-SETTLING = FixtureSpec()
-
 
 def _reading_v(bench: SimulatedBench, position: float, mass: float, direction: int) -> float:
     """Return the mean of half a second, four seconds after the weight was hung."""
@@ -20,20 +18,12 @@ def _reading_v(bench: SimulatedBench, position: float, mass: float, direction: i
     return float(run(bench, None, 450, 0.01).torque_code[400:].mean()) * V_PER_CODE
 
 
-def _gains(n_seeds: int, positions: int) -> np.ndarray:
-    angles = [2 * math.pi * k / positions for k in range(positions)]
-    return np.array(
-        [
-            [PositionGain.draw(1.0, 1.0, np.random.default_rng(seed)).at(a) - 1.0 for a in angles]
-            for seed in range(n_seeds)
-        ]
-    )
-
-
 @pytest.mark.parametrize("positions", [2, 3, 4, 6, 8])
-def test_gains_at_equally_spaced_positions_are_independent_standard_normal(positions: int) -> None:
+def test_gains_at_equally_spaced_positions_are_independent_standard_normal(positions):
     n = 400
-    gains = _gains(n, positions)
+    angles = [2 * math.pi * k / positions for k in range(positions)]
+    drawn = (PositionGain.draw(1.0, 1.0, np.random.default_rng(seed)) for seed in range(n))
+    gains = np.array([[gain.at(a) - 1.0 for a in angles] for gain in drawn])
     # chi-square of all values with mean 0 and std 1: false alarm 1e-6 on either side
     total = float((gains**2).sum())
     assert chi2.ppf(1e-6, gains.size) < total < chi2.ppf(1 - 1e-6, gains.size)
@@ -44,14 +34,14 @@ def test_gains_at_equally_spaced_positions_are_independent_standard_normal(posit
     assert np.abs(gains.mean(axis=0)).max() < 5.0 / math.sqrt(n)
 
 
-def test_gain_averages_to_the_true_gain_over_the_turn() -> None:
+def test_gain_averages_to_the_true_gain_over_the_turn():
     gain = PositionGain.draw(6.6, 0.02, np.random.default_rng(5))
     turn = [gain.at(a) for a in np.arange(360) * (2 * math.pi / 360)]
     # a sum over 360 points of harmonics up to 24 is exact but for rounding
     assert np.mean(turn) == pytest.approx(6.6, rel=1e-14)
 
 
-def test_readings_have_the_gain_of_their_position() -> None:
+def test_readings_have_the_gain_of_their_position():
     bench = SimulatedBench(quiet_profile(), plant(fixture={"repeatability": 0.0}), 7)
     truth = dict(bench.truth()["gain_at_position"])  # type: ignore[call-overload]
     for position in (0.0, math.pi / 2, math.pi):
@@ -63,7 +53,7 @@ def test_readings_have_the_gain_of_their_position() -> None:
         assert slope == pytest.approx(truth[position], rel=6e-5)
 
 
-def test_zero_at_a_position_is_the_ripple_there() -> None:
+def test_zero_at_a_position_is_the_ripple_there():
     bench = SimulatedBench(quiet_profile(), AS_MODELLED, 7)
     for position in (0.0, 0.4, 1.1):
         reading = _reading_v(bench, position, 0.0, 1)
@@ -72,7 +62,7 @@ def test_zero_at_a_position_is_the_ripple_there() -> None:
         assert reading * 6.6 == pytest.approx(expected, abs=1.1e-3)
 
 
-def test_ccw_turns_the_sign() -> None:
+def test_ccw_turns_the_sign():
     bench = SimulatedBench(quiet_profile(), AS_MODELLED, 7)
     zero = _reading_v(bench, 0.0, 0.0, 1)
     cw, ccw = (_reading_v(bench, 0.0, 4.0, direction) - zero for direction in (1, -1))
@@ -81,7 +71,7 @@ def test_ccw_turns_the_sign() -> None:
     assert cw == pytest.approx(-ccw, rel=4e-3)
 
 
-def test_encoder_stands_still_while_locked() -> None:
+def test_encoder_stands_still_while_locked():
     bench = SimulatedBench(profile(), AS_MODELLED, 7)
     bench.set_fixture(locked=True, position_rad=0.3, mass_kg=8.0, direction=1)
     samples = run(bench, profile().ripple.reference, 100, 0.01)
@@ -89,8 +79,8 @@ def test_encoder_stands_still_while_locked() -> None:
     assert bench.velocity_rad_s == 0.0
 
 
-def test_a_weight_settles_within_seconds_and_starts_where_the_old_one_was() -> None:
-    load = ArmLoad(10.0, 40.0, 9.8065, SETTLING)
+def test_a_weight_settles_within_seconds_and_starts_where_the_old_one_was():
+    load = ArmLoad(10.0, 40.0, 9.8065, FixtureSpec())
     age = np.linspace(-1.0, 5.0, 6001)
     torque = load.torque_nm(age)
     assert np.all(torque[age < 0] == 10.0)
@@ -101,7 +91,7 @@ def test_a_weight_settles_within_seconds_and_starts_where_the_old_one_was() -> N
     assert np.abs(torque[(age > 0) & (age < 0.05)] - 40.0).max() > 10.0
 
 
-def test_bounce_has_its_frequency_and_decay() -> None:
+def test_bounce_has_its_frequency_and_decay():
     still = FixtureSpec(swing_rad=0.0)
     age = np.linspace(0.0, 1.0, 100_001)
     away = ArmLoad(0.0, 1.0, 9.8065, still).torque_nm(age) - 1.0
@@ -113,7 +103,7 @@ def test_bounce_has_its_frequency_and_decay() -> None:
     assert ratio == pytest.approx(math.exp(-2 * math.pi * 0.05 / math.sqrt(1 - 0.05**2)), rel=1e-4)
 
 
-def test_one_clamping_repeats_within_the_plant_files_share() -> None:
+def test_one_clamping_repeats_within_the_plant_files_share():
     spread = 0.01
     same_everywhere = quiet_profile(sensor={"gain_consistency": 0.0})
     spec = plant(fixture={"repeatability": spread})

@@ -14,48 +14,33 @@ from hdbench.profile import load_profile
 LOOP = ServoLoop(2.0 * math.pi * 15.0, 2500.0)
 
 
-def _integrated(commands: list[float], hold_s: float, times: np.ndarray) -> np.ndarray:
+def _integrated(commands: list[float], hold_s: float, n_samples: int) -> np.ndarray:
     """Integrate the equation of the loop by a Runge-Kutta method, hold by hold."""
     state, out = np.zeros(2), []
-    for i, command in enumerate(commands):
+    exact = {"rtol": 1e-10, "atol": 1e-10, "max_step": hold_s / 50}
+    times = np.linspace(0.0, hold_s, n_samples + 1)
+    for command in commands:
 
         def slope(_: float, y: np.ndarray, command: float = command) -> list[float]:
-            return [y[1], float(np.clip(LOOP.rate_per_s * (command - y[1]), -2500.0, 2500.0))]
+            return [y[1], max(-2500.0, min(2500.0, LOOP.rate_per_s * (command - y[1])))]
 
-        here = times[(times >= i * hold_s - 1e-12) & (times < (i + 1) * hold_s - 1e-12)]
-        done = solve_ivp(
-            slope,
-            (i * hold_s, (i + 1) * hold_s),
-            state,
-            t_eval=np.append(here, (i + 1) * hold_s),
-            rtol=1e-10,
-            atol=1e-10,
-            max_step=hold_s / 50,
-        )
-        out.append(done.y[:, :-1])
-        state = done.y[:, -1]
+        found = solve_ivp(slope, (0.0, hold_s), state, t_eval=times, **exact).y
+        out.append(found[:, :-1])
+        state = found[:, -1]
     return np.concatenate(out, axis=1)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=15)
 @given(st.lists(st.floats(-400.0, 400.0), min_size=2, max_size=5))
-def test_motion_agrees_with_a_general_integrator(commands: list[float]) -> None:
+def test_motion_agrees_with_a_general_integrator(commands):
     motion = LOOP.run(np.array(commands), 0.004, 5, (0.0, 0.0, 0.0))
-    times = np.arange(5 * len(commands)) * 0.004
-    angle, speed = _integrated(commands, 0.02, times)
+    angle, speed = _integrated(commands, 0.02, 5)
     # the integrator steps over the corner of the limit: 2500 rad/s^2 over 0.4 ms steps, controlled
     np.testing.assert_allclose(motion.velocity_rad_s.ravel(), speed, rtol=0, atol=1e-4)
     np.testing.assert_allclose(motion.angle_rad.ravel(), angle, rtol=0, atol=1e-5)
 
 
-def test_acceleration_never_exceeds_its_limit() -> None:
-    commands = np.random.default_rng(3).uniform(-400.0, 400.0, 200)
-    motion = LOOP.run(commands, 1e-4, 10, (0.0, 0.0, 0.0))
-    assert np.abs(motion.acceleration_rad_s2).max() <= 2500.0 * (1 + 1e-12)
-    assert np.abs(np.diff(motion.velocity_rad_s.ravel())).max() <= 0.25 * (1 + 1e-9)
-
-
-def test_mean_acceleration_is_the_gain_in_speed() -> None:
+def test_mean_acceleration_is_the_gain_in_speed():
     commands = 100.0 * np.sin(np.arange(200) * 0.02)
     motion = LOOP.run(commands, 1e-4, 10, (0.0, 0.0, 0.0))
     acceleration = motion.acceleration_rad_s2.ravel()
@@ -66,7 +51,7 @@ def test_mean_acceleration_is_the_gain_in_speed() -> None:
     assert gained == pytest.approx(end, rel=2e-5)
 
 
-def test_current_reaches_its_limit_at_the_acceleration_limit() -> None:
+def test_current_reaches_its_limit_at_the_acceleration_limit():
     servo = load_profile("cim-tr-97-06").data.servo
     still = np.zeros(3)
     current = motor_current_a(servo, np.array([2500.0, -1250.0, 9999.0]), still)

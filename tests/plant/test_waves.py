@@ -51,7 +51,7 @@ def _integrated(command_rad_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 @pytest.mark.parametrize("name", WAVES)
-def test_torque_is_the_model_alone_under_every_wave(name: str) -> None:
+def test_torque_is_the_model_alone_under_every_wave(name):
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
     torque = run(bench, WAVES[name], N_SAMPLES).torque_code * NM_PER_CODE
     times_s = np.arange(N_SAMPLES) * PERIOD_S

@@ -1,5 +1,7 @@
 """``[daq]``: one table per driver, each with its own keys; errors name key, line and fix."""
 
+import re
+
 import pytest
 
 from hdbench.errors import ProfileError
@@ -38,6 +40,10 @@ def test_a_serial_node_has_its_line():
     assert table.channels == ("torque", "tacho")
 
 
+def composed(inputs, outputs):
+    return f'driver = "composite"\n{COMMON}[daq.inputs]\n{inputs}\n[daq.outputs]\n{outputs}\n'
+
+
 @pytest.mark.parametrize(
     ("daq", "words", "fix"),
     [
@@ -56,22 +62,15 @@ def test_a_serial_node_has_its_line():
         (f'driver = "labjack-t"\n{COMMON}', "'daq.channels': missing", "channels"),
         (f'driver = "dataq"\n{COMMON}channels = []\n', "'daq.model': missing", "model"),
         (f'driver = "composite"\n{COMMON}', "'daq.inputs': missing", "inputs"),
+        (composed("baud = 3", 'address = "tcp://h:1"'), "'daq.inputs.baud': unknown", ""),
         (
-            f'driver = "composite"\n{COMMON}[daq.inputs]\nbaud = 3\n'
-            '[daq.outputs]\naddress = "tcp://h:1"\n',
-            "'daq.inputs.baud': unknown",
-            "",
-        ),
-        (
-            f'driver = "composite"\n{COMMON}[daq.inputs]\naddress = "tcp://h:1"\n[daq.outputs]\n',
+            composed('address = "tcp://h:1"', ""),
             "'daq.outputs.address'.*missing",
             "give its address",
         ),
     ],
 )
 def test_a_wrong_key_is_named_with_what_is_needed_and_a_fix(daq, words, fix):
-    import re
-
     found = problems(daq)
     assert any(re.search(words, what) and fix in how for what, how in found), found
 

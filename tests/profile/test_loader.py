@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hdbench.errors import ProfileError
@@ -98,35 +98,24 @@ def test_whole_numbers_stand_for_floats_but_booleans_do_not(good):
 
 def test_every_error_is_named_at_once_with_line_key_found_needed_and_unit(good):
     text = good.text
-    for old, new in [
-        ("gear_ratio = 100.0", "gear_ration = 100.0"),
-        ("rated_torque_nm = 40.0", "rated_torque_nm = nan"),
-        ("excitation_v = 10.0", "excitation_v = inf"),
-        ("resolution_bits = 16", 'resolution_bits = "16"'),
-        ('wave = "trapezoid"', 'wave = "sawtooth"'),
-        ("misalignment]\namplitude_nm = 0.9", "misalignment]\namplitude_nm = -0.9"),
-        ("velocity_rad_s = 60.0", "velocity_rad_s = 900.0"),
-        ("deadline_s = 0.25", "deadline_s = 0.75"),
-        ("order = 4.0", "order = 2.0"),
-    ]:
+    wrong = {
+        "drive.gear_ration": ("gear_ratio = 100.0", "gear_ration = 100.0"),
+        "drive.rated_torque_nm": ("rated_torque_nm = 40.0", "rated_torque_nm = nan"),
+        "sensor.excitation_v": ("excitation_v = 10.0", "excitation_v = inf"),
+        "daq.resolution_bits": ("resolution_bits = 16", 'resolution_bits = "16"'),
+        "ripple.reference.wave": ('wave = "trapezoid"', 'wave = "sawtooth"'),
+        "model.misalignment.amplitude_nm": ("amplitude_nm = 0.9", "amplitude_nm = -0.9"),
+        "misalignment.velocity_rad_s": ("velocity_rad_s = 60.0", "velocity_rad_s = 900.0"),
+        "daq.deadline_s": ("deadline_s = 0.25", "deadline_s = 0.75"),
+        "model.ripple[1].order": ("order = 4.0", "order = 2.0"),
+    }
+    for old, new in wrong.values():
         assert old in text
         text = text.replace(old, new, 1)
     text += "\n[extra]\nx = 1\n"
     found = problems(text)
     by_key = {error.what.split("'")[1]: error for error in found}
-    assert set(by_key) == {
-        "drive.gear_ratio",
-        "drive.gear_ration",
-        "drive.rated_torque_nm",
-        "sensor.excitation_v",
-        "daq.resolution_bits",
-        "daq.deadline_s",
-        "ripple.reference.wave",
-        "model.misalignment.amplitude_nm",
-        "model.ripple[1].order",
-        "misalignment.velocity_rad_s",
-        "extra",
-    }
+    assert set(by_key) == {*wrong, "drive.gear_ratio", "extra"}
     assert "did you mean 'drive.gear_ratio'" in by_key["drive.gear_ration"].fix
     assert by_key["drive.gear_ratio"].where == f"bench.toml:{line_of(text, '[drive]')}"
     for key, start in [
@@ -158,19 +147,16 @@ def test_only_a_calibration_needs_weights_within_the_torque_limit(good):
 
 
 def test_a_key_in_the_wrong_table_is_told_its_place(good):
-    text = good.text.replace("[tacho]\n", "[tacho]\ngear_ratio = 100.0\n")
-    (one,) = problems(text)
+    (one,) = problems(good.text.replace("[tacho]\n", "[tacho]\ngear_ratio = 100.0\n"))
     assert "drive.gear_ratio" in one.fix
 
 
 def test_a_wrong_entry_of_a_list_is_named_and_nothing_is_said_twice(good):
     text = good.text.replace(
-        "low_masses_kg = [0.0, 0.5, 1.0, 1.5, 2.0]", 'low_masses_kg = [0, "1", -1]'
+        "low_masses_kg = [0.0, 0.5, 1.0, 1.5, 2.0]", "low_masses_kg = [0, '1', -1]"
     )
-    assert [error.what.split("'")[1] for error in problems(text)] == [
-        "calibration.low_masses_kg[1]",
-        "calibration.low_masses_kg[2]",
-    ]
+    keys = [error.what.split("'")[1] for error in problems(text)]
+    assert keys == ["calibration.low_masses_kg[1]", "calibration.low_masses_kg[2]"]
 
 
 def test_an_empty_profile_names_every_missing_table():
@@ -194,7 +180,7 @@ def test_a_syntax_error_has_line_and_column(text, place):
 
 
 def test_several_bad_profiles_are_named_together(good, tmp_path):
-    paths = [tmp_path / "a.toml", tmp_path / "b.toml", tmp_path / "c.toml"]
+    paths = [tmp_path / f"{name}.toml" for name in "abc"]
     paths[0].write_text(good.text.replace("gear_ratio = 100.0", "gear_ratio = 0.5"))
     paths[1].write_text(good.text)
     paths[2].write_bytes(b"name = '\xff'\n")
@@ -246,17 +232,17 @@ ODD = st.sampled_from(
 
 
 @given(st.integers(0, 10_000), ODD)
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80)
 @example(0, "1" * 400)
 def test_no_value_at_any_key_ends_in_anything_but_a_profile_error(place, value):
-    text = load_profile(NAME).text
-    lines = text.splitlines()
+    lines = load_profile(NAME).text.splitlines()
     spots = [i for i, line in enumerate(lines) if "=" in line and not line.startswith("#")]
     spot = spots[place % len(spots)]
     lines[spot] = f"{lines[spot].partition('=')[0]}= {value}"
     error = outcome("\n".join(lines))
-    assert error is None or error.problems or "not TOML" in error.what
-    assert error is None or all(one.where.startswith("p.toml:") for one in error.problems)
+    if error is not None:
+        assert error.problems or "not TOML" in error.what
+        assert all(one.where.startswith("p.toml:") for one in error.problems)
 
 
 @given(
@@ -264,7 +250,7 @@ def test_no_value_at_any_key_ends_in_anything_but_a_profile_error(place, value):
     st.integers(0, 40),
     st.text(st.characters(codec="utf-8") | st.sampled_from("[]{}=.\"'#\n\\\0"), max_size=12) | ODD,
 )
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60)
 def test_no_damage_to_the_text_ends_in_anything_but_a_profile_error(start, length, insert):
     text = load_profile(NAME).text
     damaged = text[:start] + insert + text[start + length :]

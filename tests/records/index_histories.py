@@ -55,14 +55,8 @@ def truth(parent: Path) -> list[Row]:
 
 
 def _run(draw: random.Random) -> str:
-    body = {
-        "schema": "hdbench/run/1",
-        "kind": "diagnosis",
-        "status": draw.choice(_STATUS),
-        "files": {},
-        "profile": {"name": "p"},
-        "drive": f"D{draw.randrange(10)}",
-    }
+    body = {"schema": "hdbench/run/1", "kind": "diagnosis", "files": {}, "profile": {"name": "p"}}
+    body |= {"status": draw.choice(_STATUS), "drive": f"D{draw.randrange(10)}"}
     return json.dumps(body)
 
 
@@ -215,10 +209,9 @@ def run_history(seed: int, steps: int = 15) -> None:
         for number in range(steps):
             step = draw.choices([s for s, _ in _STEPS], [weight for _, weight in _STEPS])[0]
             step(parent, draw)
+            place = f"history {seed}, step {number} ({step.__name__})"
             for _ in range(2):  # the second call finds what the first one kept
                 found, real = listed(parent), truth(parent)
                 if found != real:
-                    raise AssertionError(
-                        f"history {seed}, step {number} ({step.__name__}): {found} but {real}"
-                    )
+                    raise AssertionError(f"{place}: {found} but {real}")
                 time.sleep(draw.uniform(0.0, _LONGEST_PAUSE_S))

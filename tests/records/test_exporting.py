@@ -1,6 +1,7 @@
 """Exported records equal the originals, read back by the programs' own libraries."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ ARM = load_profile("cim-tr-97-06").data.arm
 @pytest.fixture
 def trace_file(tmp_path: Path) -> Path:
     file = tmp_path / "log.csv"
-    rows = ["time_s,motor_velocity_rad_s,torque_nm,own column", "0,100.25,1.5,7", "0.001,100.5,,8"]
-    file.write_text("\n".join(rows) + "\n")
+    head = "time_s,motor_velocity_rad_s,torque_nm,own column\n"
+    file.write_text(head + "0,100.25,1.5,7\n0.001,100.5,,8\n")
     return file
 
 
@@ -62,8 +63,7 @@ def test_hdf5_holds_numbers_units_and_words(loads_file, tmp_path):
 def test_mat_holds_a_structure_of_columns(trace_file, tmp_path):
     from scipy.io import loadmat
 
-    text = trace_file.read_text().replace("own column", "own_column")
-    trace_file.write_text(text)
+    trace_file.write_text(trace_file.read_text().replace("own column", "own_column"))
     out = export_records(gather(trace_file, ARM), tmp_path, "mat")
     body = loadmat(out, simplify_cells=True)
     np.testing.assert_array_equal(body["trace"]["torque_nm"], [1.5, np.nan])
@@ -92,8 +92,6 @@ def test_a_run_takes_its_profile_and_result_along(kind, tmp_path):
 
 
 def test_a_library_that_is_missing_is_named_with_its_extra(trace_file, tmp_path, monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(UsageError) as found:
         export_records(gather(trace_file, ARM), tmp_path, "hdf5")

@@ -70,13 +70,10 @@ def test_a_full_or_failing_disk_leaves_the_old_file(tmp_path, monkeypatch, call,
     path = tmp_path / "r.json"
     write_json(path, {"old": 1})
 
-    def fail(*_args):
+    def fail(*_args, **_keys):
         raise OSError(code, os.strerror(code))
 
-    if call == "fsync":
-        monkeypatch.setattr(os, "fsync", fail)
-    else:
-        monkeypatch.setattr(type(path), "open", lambda *_a, **_k: fail())
+    monkeypatch.setattr({"fsync": os, "open": type(path)}[call], call, fail)
     with pytest.raises(StorageError):
         write_json(path, {"new": 2})
     monkeypatch.undo()

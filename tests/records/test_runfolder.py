@@ -34,14 +34,8 @@ NOBODY = 2**22 + 1
 
 
 def make(parent, profile, kind="ripple", token="3f9a1c"):
-    return RunFolder.create(
-        parent,
-        kind=kind,
-        profile=profile,
-        details={"seed": 1},
-        clock=lambda: MOMENT,
-        token=lambda: token,
-    )
+    fixed = {"clock": lambda: MOMENT, "token": lambda: token}
+    return RunFolder.create(parent, kind=kind, profile=profile, details={"seed": 1}, **fixed)
 
 
 def samples(folder, n_blocks=3):
@@ -148,10 +142,9 @@ def test_a_run_of_another_host_counts_as_running_while_its_journal_grows(tmp_pat
     folder = make(tmp_path, profile)
     samples(folder)
     folder.update(host="elsewhere")
-    os.utime(folder.journal, (MOMENT.timestamp() - 5, MOMENT.timestamp() - 5))
-    assert folder.status() == "running"
-    os.utime(folder.journal, (MOMENT.timestamp() - 3600, MOMENT.timestamp() - 3600))
-    assert folder.status() == "incomplete"
+    for age_s, status in ((5, "running"), (3600, "incomplete")):
+        os.utime(folder.journal, 2 * (MOMENT.timestamp() - age_s,))
+        assert folder.status() == status
 
 
 def test_a_damaged_journal_is_a_problem_and_keeps_what_is_intact(tmp_path, profile):
@@ -168,16 +161,17 @@ def test_a_damaged_journal_is_a_problem_and_keeps_what_is_intact(tmp_path, profi
     assert "damaged" in RunFolder.open(folder.path).manifest["exit_reason"]
 
 
+RIPPLE = '{"schema": "hdbench/run/1", "kind": "ripple", "profile": {}, '
+
+
 @pytest.mark.parametrize(
     "text",
     [
         "",
         "{}",
         '{"schema": "hdbench/run/1"}',
-        '{"schema": "hdbench/run/1", "kind": "ripple", "status": "great", "files": {}, '
-        '"profile": {}}',
-        '{"schema": "hdbench/run/1", "kind": "ripple", "status": "complete", "files": [], '
-        '"profile": {}}',
+        RIPPLE + '"status": "great", "files": {}}',
+        RIPPLE + '"status": "complete", "files": []}',
     ],
 )
 def test_a_broken_run_is_listed_as_invalid_and_refused(tmp_path, text):

@@ -33,14 +33,10 @@ def test_a_link_stays_a_link_and_its_target_is_written(tmp_path):
 @POSIX
 def test_a_pipe_is_written_into_and_not_replaced(tmp_path):
     pipe, staged, got = tmp_path / "pipe", tmp_path / ".staged", []
-
-    def read():
-        got.append(pipe.read_bytes())
-
     os.mkfifo(pipe)
     for write in (lambda: write_atomic(pipe, [b"a", b"b"]), lambda: publish(staged, pipe)):
         staged.write_bytes(b"ab")
-        reader = threading.Thread(target=read, daemon=True)
+        reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()), daemon=True)
         reader.start()
         write()
         reader.join(timeout=60)

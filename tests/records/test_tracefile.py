@@ -1,6 +1,7 @@
 """Traces come back with the same bits; a broken file names line and column."""
 
 import gzip
+import os
 
 import numpy as np
 import pytest
@@ -31,9 +32,8 @@ def fast(request, monkeypatch):
     """Read every file by one of the fast ways, in short pieces."""
     if request.param == "polars":
         pytest.importorskip("polars", reason="optional: pip install 'hdbench[fast]'")
-    monkeypatch.setattr(
-        csvtext, "_WORTH_IMPORTING", 1 if request.param == "polars" else float("inf")
-    )
+    least = 1 if request.param == "polars" else float("inf")
+    monkeypatch.setattr(csvtext, "_WORTH_IMPORTING", least)
     monkeypatch.setattr(csvtext, "_CHUNK_BYTES", 200)
 
 
@@ -41,7 +41,7 @@ def fast(request, monkeypatch):
     st.lists(st.floats(allow_infinity=False, allow_nan=True, width=64), min_size=1, max_size=30),
     st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_written_trace_comes_back_with_the_same_bits(tmp_path_factory, values, packed):
     path = tmp_path_factory.mktemp("t") / ("t.csv.gz" if packed else "t.csv")
     torque = np.array(values)
@@ -57,17 +57,16 @@ def test_a_written_trace_comes_back_with_the_same_bits(tmp_path_factory, values,
 
 def test_a_large_file_is_read_by_pieces_to_the_same_bits(tmp_path, monkeypatch):
     rows = "".join(f"{0.001 * k!r},{float(np.sin(k))!r},{k % 7}\n" for k in range(400))
-    head = "time_s,torque_nm,motor_velocity_rad_s\n"
-    whole = read_trace(put(tmp_path, head + rows))
+    text = "time_s,torque_nm,motor_velocity_rad_s\n" + rows
+    whole = read_trace(put(tmp_path, text))
     monkeypatch.setattr(tracefile, "_PIECE_BYTES", 1000)
     monkeypatch.setattr(csvtext, "read_raw", None)  # nothing reads the file at once
-    parts = read_trace(put(tmp_path, head + rows, "pieces.csv"))
-    assert {n: v.tobytes() for n, v in parts.columns.items()} == {
-        n: v.tobytes() for n, v in whole.columns.items()
-    }
+    parts = read_trace(put(tmp_path, text, "pieces.csv"))
+    assert list(parts.columns) == list(whole.columns)
+    assert all(parts[name].tobytes() == whole[name].tobytes() for name in whole.columns)
     monkeypatch.undo()
     monkeypatch.setattr(tracefile, "_PIECE_BYTES", 1000)
-    assert refused(put(tmp_path, head + rows + "0.4,x,1\n", "bad.csv")).where.endswith(":402")
+    assert refused(put(tmp_path, text + "0.4,x,1\n", "bad.csv")).where.endswith(":402")
 
 
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
@@ -77,8 +76,7 @@ def test_a_large_file_is_read_by_pieces_to_the_same_bits(tmp_path, monkeypatch):
 def test_quotes_ends_of_lines_and_a_byte_order_mark_change_nothing(tmp_path, text, mark):
     plain, other = read_trace(put(tmp_path, GOOD)), read_trace(put(tmp_path, mark + text, "o.csv"))
     assert list(plain.columns) == list(other.columns)
-    for name in plain.columns:
-        assert np.array_equal(plain[name], other[name])
+    assert all(np.array_equal(plain[name], other[name]) for name in plain.columns)
 
 
 def test_a_lost_sample_is_an_empty_cell_or_nan_and_stays_in_its_place(tmp_path, fast):
@@ -145,8 +143,6 @@ def test_what_is_required_can_be_chosen(tmp_path):
 
 @pytest.mark.parametrize("kind", ["missing", "folder", "fifo"])
 def test_something_that_is_no_file_is_refused(tmp_path, kind):
-    import os
-
     path = tmp_path / "x.csv"
     if kind == "folder":
         path.mkdir()
@@ -190,7 +186,7 @@ PIECES = st.binary(max_size=6) | st.sampled_from([b"nan", b"1e999", b'"', b"\0",
 
 
 @given(st.integers(0, len(GOOD)), st.integers(0, 6), PIECES)
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=250)
 def test_no_damage_ends_in_anything_but_a_trace_or_an_error(tmp_path_factory, at, cut, insert):
     path = tmp_path_factory.getbasetemp() / "fuzz.csv"
     path.write_bytes(GOOD.encode()[:at] + insert + GOOD.encode()[at + cut :])
@@ -209,9 +205,8 @@ def test_a_clean_trace_is_not_read_cell_by_cell(tmp_path, monkeypatch):
         raise AssertionError("the careful way is for what the fast way cannot read")
 
     monkeypatch.setattr(tracefile, "_careful", cell_by_cell)
-    rng = np.random.default_rng(1)
-    columns = {"time_s": np.arange(1000) * 1e-3, "torque_nm": rng.normal(size=1000)}
-    columns |= {"tacho_v": np.ones(1000)}
+    torque = np.random.default_rng(1).normal(size=1000)
+    columns = {"time_s": np.arange(1000) * 1e-3, "torque_nm": torque, "tacho_v": np.ones(1000)}
     write_trace(tmp_path / "t.csv", Trace(columns))
     assert len(read_trace(tmp_path / "t.csv")) == 1000
 
@@ -234,9 +229,5 @@ def test_the_fast_ways_read_the_bits_that_python_reads(tmp_path, fast):
     text = "time_s,torque_nm,tacho_v\n" + "".join(f"{k},{c},1\n" for k, c in enumerate(cells))
     found = read_trace(put(tmp_path, text))["torque_nm"]
     expected = np.array([float(cell or "nan") for cell in cells])
-    wrong = [
-        cell
-        for cell, a, b in zip(cells, found, expected, strict=True)
-        if a.tobytes() != b.tobytes()
-    ]
-    assert wrong == []
+    same = found.view(np.int64) == expected.view(np.int64)
+    assert [cell for cell, right in zip(cells, same, strict=True) if not right] == []

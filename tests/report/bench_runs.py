@@ -76,20 +76,17 @@ def diagnosis_run(parent: Path, profile: Profile, cause: dict[str, object]) -> P
     angle = 156.0 * time
     simulated = 0.4 * np.cos(2.0 * angle) + 0.9 * np.cos(angle / 100.0)
     extra = 0.15 * np.cos(6.0 * angle + 0.4)
+    left = {"before_nm": extra + noise, "after_nm": noise}
     table(
         run.path / "residual.csv",
         time_s=time,
         measured_nm=simulated + extra + noise,
         simulated_nm=simulated,
         extended_nm=simulated + extra,
-        residual_before_nm=extra + noise,
-        residual_after_nm=noise,
+        **{f"residual_{when}": values for when, values in left.items()},
         masked=(time > 4.0) * (time < 4.1) * 1.0,
     )
-    lines = {
-        f"{when}_nm": np.abs(np.fft.rfft(left)) * 2.0 / len(time)
-        for when, left in (("before", extra + noise), ("after", noise))
-    }
+    lines = {when: np.abs(np.fft.rfft(values)) * 2.0 / len(time) for when, values in left.items()}
     place = np.fft.rfftfreq(len(time), 1e-3)
     table(run.path / "order_spectrum.csv", motor_order=place / (156.0 / (2.0 * np.pi)), **lines)
     table(run.path / "frequency_spectrum.csv", frequency_hz=place, **lines)

@@ -8,12 +8,18 @@ import shutil
 import subprocess
 import tempfile
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+OPTIONS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update"),
+    *("--remote-debugging-port=0", "--remote-allow-origins=*"),
+)
 
 
 def browser_program() -> str | None:
@@ -54,17 +60,10 @@ class Tab:
             self.requests.append(str(body["request"]["url"]))
 
     def open(self, page: Path, width: int = 1200, height: int = 900, scheme: str = "light") -> None:
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-        self.call(
-            "Emulation.setEmulatedMedia",
-            features=[{"name": "prefers-color-scheme", "value": scheme}],
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.call("Emulation.setEmulatedMedia", features=features)
         self.call("Page.navigate", url=page.resolve().as_uri())
         deadline = time.monotonic() + 120.0
         while self.run("document.readyState") != "complete":
@@ -77,15 +76,10 @@ class Tab:
         return found["result"].get("value")
 
     def mouse(self, kind: str, x: float, y: float, *, held: bool = False) -> None:
-        button = "left" if held or kind != "mouseMoved" else "none"
+        moved = kind == "mouseMoved"
+        buttons = {"button": "left" if held or not moved else "none", "buttons": int(held)}
         self.call(
-            "Input.dispatchMouseEvent",
-            type=kind,
-            x=x,
-            y=y,
-            button=button,
-            buttons=1 if held else 0,
-            clickCount=0 if kind == "mouseMoved" else 1,
+            "Input.dispatchMouseEvent", type=kind, x=x, y=y, clickCount=int(not moved), **buttons
         )
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
@@ -108,19 +102,7 @@ def browser() -> Iterator[Tab]:
     program = browser_program()
     assert program is not None
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
-        command = [
-            program,
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--remote-debugging-port=0",
-            "--remote-allow-origins=*",
-            f"--user-data-dir={home}",
-            "about:blank",
-        ]
+        command = [program, *OPTIONS, f"--user-data-dir={home}", "about:blank"]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
             try:
                 found = None
@@ -137,8 +119,6 @@ def browser() -> Iterator[Tab]:
 
 
 def _page_address(host: str) -> str:
-    import urllib.request
-
     with urllib.request.urlopen(f"http://{host}/json", timeout=120) as answer:
         pages = json.load(answer)
     return str(next(p["webSocketDebuggerUrl"] for p in pages if p["type"] == "page"))

@@ -57,16 +57,10 @@ def result(found: dict[str, Any], **changes: object) -> DiagnosisResult:
 def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once(found, cause):
     table = tables(result(found))[0]
     name, parameters, speaks = table.rows[2]
-    assert name.splitlines() == [
-        "ripple-harmonic",
-        "or wave-generator-eccentricity",
-        "or load-dependent-friction",
-    ]
-    assert [line.partition(":")[0] for line in parameters.splitlines()] == [
-        "amplitude",
-        "phase",
-        "order",
-    ]
+    rivals = ["or wave-generator-eccentricity", "or load-dependent-friction"]
+    assert name.splitlines() == ["ripple-harmonic", *rivals]
+    told = [line.partition(":")[0] for line in parameters.splitlines()]
+    assert told == ["amplitude", "phase", "order"]
     assert speaks.splitlines()[:2] == ["explains 31.2 %", "false alarm below 1e-9"]
     assert not any("cosine" in row[1] or "sine" in row[1] for row in table.rows)
     # what has no amplitude keeps its parts

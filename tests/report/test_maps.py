@@ -30,14 +30,9 @@ def test_every_map_of_a_run_is_one_row_of_one_figure_and_codes_are_their_own(tmp
 def test_readings_of_a_calibration_are_drawn_with_their_rms_before_and_after(tmp_path):
     torque = np.array([0.0, 10.0, 20.0, 10.0, 0.0])
     before = np.array([0.0, -0.2, 0.0, 0.2, 0.0])
-    table(
-        tmp_path / "residual.csv",
-        torque_nm=torque,
-        falling=np.array([0, 0, 0, 1, 1]),
-        used=np.array([1, 1, 1, 1, 0]),
-        residual_before_nm=before,
-        residual_after_nm=0.1 * before,
-    )
+    residual = {"residual_before_nm": before, "residual_after_nm": 0.1 * before}
+    flags = {"falling": np.array([0, 0, 0, 1, 1]), "used": np.array([1, 1, 1, 1, 0])}
+    table(tmp_path / "residual.csv", torque_nm=torque, **flags, **residual)
     (picture,) = folder_pictures(tmp_path, "run-1")
     # root mean square of 0, -0.2, 0, 0.2: 0.141
     assert "0.141 N·m rms" in picture.caption

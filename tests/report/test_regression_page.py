@@ -11,37 +11,17 @@ from hdbench.report.regression import write_regression
 
 
 def _change(key: str, **cells: Any) -> dict[str, Any]:
-    return {
-        "key": key,
-        "what": "moved",
-        "expected": 0.5,
-        "found": 0.25,
-        "allowed": 0.125,
-        "in_tolerances": 2.0,
-        "reason": "two per cent <of> it",
-        "regression": True,
-        **cells,
-    }
+    told = {"key": key, "what": "moved", "reason": "two per cent <of> it", "regression": True}
+    numbers = {"expected": 0.5, "found": 0.25, "allowed": 0.125, "in_tolerances": 2.0}
+    return {**told, **numbers, **cells}
 
 
 def _body(*changes: dict[str, Any], error: dict[str, Any] | None = None) -> dict[str, Any]:
     passed = error is None and not any(change["regression"] for change in changes)
-    case = {
-        "name": "a<b",
-        "kind": "ripple",
-        "passed": passed,
-        "updated": False,
-        "compared": 7,
-        "changes": list(changes),
-        "error": error,
-    }
-    return {
-        "schema": "hdbench/regression/1",
-        "hdbench_version": "0",
-        "folder": "stored",
-        "passed": passed,
-        "cases": [case],
-    }
+    case = {"name": "a<b", "kind": "ripple", "passed": passed, "updated": False, "compared": 7}
+    case |= {"changes": list(changes), "error": error}
+    head = {"schema": "hdbench/regression/1", "hdbench_version": "0", "folder": "stored"}
+    return {**head, "passed": passed, "cases": [case]}
 
 
 def test_what_moved_stands_on_the_page_with_its_tolerance_and_its_reason(tmp_path):
@@ -77,9 +57,11 @@ def test_a_case_that_passed_and_one_that_is_broken_are_told_as_such(body, words,
 
 def test_a_page_is_written_again_over_itself_and_over_an_empty_file(tmp_path):
     (tmp_path / "r.csv").touch()
-    pages = [write_regression(_body(_change("x")), tmp_path / "r.html").html.read_bytes()]
-    pages.append(write_regression(_body(_change("x")), tmp_path / "r.html").html.read_bytes())
-    assert pages[0] == pages[1]
+    first, again = (
+        write_regression(_body(_change("x")), tmp_path / "r.html").html.read_bytes()
+        for _ in range(2)
+    )
+    assert first == again
     with pytest.raises(UsageError, match=r"\.html"):
         write_regression(_body(), tmp_path / "r.txt")
 
