@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from worked_example import EIGHT, FLAT
 
 from hdbench.calibration.budget import expanded_uncertainty
 from hdbench.calibration.differences import (
@@ -23,9 +24,6 @@ from hdbench.calibration.gains import (
 )
 from hdbench.results.calibration import ExperimentLine
 
-# eight gains with mean 6.60 and consistency 2.0 %, four positions, clockwise and anticlockwise
-EIGHT = [[6.43, 6.46], [6.50, 6.56], [6.63, 6.69], [6.75, 6.78]]
-FLAT = [gain for pair in EIGHT for gain in pair]
 WAYS = [("cw",), ("ccw",)] * 4
 PLACES = [0, 0, 1, 1, 2, 2, 3, 3]
 
@@ -68,8 +66,8 @@ def test_expanded_uncertainties_of_the_eight_gains_are_those_printed():
 
 
 def test_directions_of_the_eight_gains_differ_as_printed():
-    entries = [(place, way[0], gain) for place, way, gain in zip(PLACES, WAYS, FLAT, strict=True)]
-    found = paired_difference(entries, "cw", "ccw")
+    ways = [way for (way,) in WAYS]
+    found = paired_difference(list(zip(PLACES, ways, FLAT, strict=True)), "cw", "ccw")
     assert (found.mean_first_nm_per_v, found.mean_second_nm_per_v) == pytest.approx(
         (6.5775, 6.6225), abs=1e-12
     )
@@ -93,10 +91,9 @@ def test_paule_mandel_solves_its_equation_for_unequal_uncertainties():
     own = rng.uniform(0.01, 0.3, 9)
     gains = 6.6 + rng.normal(0.0, 0.2, 9)
     found = consensus(list(gains), list(own))
-    weights = 1.0 / (own**2 + found.between_std_nm_per_v**2)
-    assert float(
-        (weights * (gains - found.weighted_mean_nm_per_v.value) ** 2).sum()
-    ) == pytest.approx(8.0, rel=1e-9)
+    off = gains - found.weighted_mean_nm_per_v.value
+    total = np.sum(off**2 / (own**2 + found.between_std_nm_per_v**2))
+    assert total == pytest.approx(8.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("dropped", [(), (7,), (0, 5), (0,)])
@@ -212,9 +209,8 @@ def test_a_couple_or_a_second_arm_tells_them_apart(levers):
 
 
 def test_a_second_arm_in_one_direction_alone_does_not_tell_them_apart():
-    rows = [
-        e for e in entries([2.0, 4.0], 1e-4, 2e-3) if e.lever_per_m == 2.0 or e.direction == "cw"
-    ]
+    both = entries([2.0, 4.0], 1e-4, 2e-3)
+    rows = [e for e in both if e.lever_per_m == 2.0 or e.direction == "cw"]
     assert not direction_effects(rows).separated
     only = [e for e in rows if e.direction == "cw"]
     assert "one direction only" in direction_effects(only).reason

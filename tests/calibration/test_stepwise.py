@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from functools import reduce
+from operator import getitem
 
 import numpy as np
 import pytest
@@ -29,13 +31,7 @@ def example():
 
 
 def column(example, *keys):
-    out = []
-    for step in example[1]:
-        value = step.to_json()
-        for key in keys:
-            value = value[key]
-        out.append(value)
-    return out
+    return [reduce(getitem, keys, step.to_json()) for step in example[1]]
 
 
 # every row of the published table, with half a unit of its last printed digit
@@ -154,67 +150,53 @@ def test_a_value_on_a_limit_is_within_it_and_a_worse_one_is_in_no_class():
     assert classify({"reproducibility": math.nan}, ("reproducibility",)).value is None
 
 
-def swapped(loads: Loads) -> Loads:
-    other = {"cw": "ccw", "ccw": "cw"}
-    return Loads(
-        tuple(
-            replace(r, direction=other[r.direction], torque_nm=-r.torque_nm, reading_v=-r.reading_v)
-            for r in loads.readings
-        )
-    )
+READINGS = worked_loads().readings
 
 
-def test_the_other_direction_gives_the_same_steps():
-    a, b = evaluated(worked_loads()), evaluated(swapped(worked_loads()))
+@pytest.mark.parametrize(
+    "readings",
+    [
+        pytest.param(worked_loads("ccw").readings, id="the other direction"),
+        pytest.param(
+            [r for name in "4123" for r in READINGS if r.experiment == name], id="another order"
+        ),
+        # the last reading of loading is the first of unloading
+        pytest.param(
+            [r for r in READINGS if (r.series, r.torque_nm) != ("down", 40.0)], id="40 N m once"
+        ),
+    ],
+)
+def test_the_same_readings_in_other_words_give_the_same_steps(example, readings):
+    found = evaluated(Loads(tuple(readings)))
     for keys, *_ in TABLE:
-        np.testing.assert_allclose(column(b, *keys), column(a, *keys), atol=1e-12)
-    assert evaluated(worked_loads("ccw"))[0].gain_nm_per_v == pytest.approx(a[0].gain_nm_per_v)
-
-
-def test_the_order_of_the_series_keeps_the_mean_and_the_reproducibility():
-    loads = worked_loads()
-    order = [r for name in ("4", "1", "2", "3") for r in loads.readings if r.experiment == name]
-    a, b = evaluated(loads), evaluated(Loads(tuple(order)))
-    for key in ("deflection_v", "reproducibility_v", "repeatability_v", "reversibility_v"):
-        np.testing.assert_allclose(column(b, key), column(a, key), atol=1e-12)
+        np.testing.assert_allclose(column(found, *keys), column(example, *keys), atol=1e-12)
+    assert found[0].gain_nm_per_v == pytest.approx(example[0].gain_nm_per_v)
+    assert found[0].class_increasing_decreasing.value == 2.0
 
 
 def test_the_uncertainty_of_the_torque_is_not_divided_by_the_number_of_positions():
     wide = TorqueAccount("given", None, (), 9.81, "given", ((40.0, 0.05),))
     for names in (("1", "3"), ("1", "3", "4")):
-        rows = tuple(r for r in worked_loads().readings if r.experiment in names)
+        rows = tuple(r for r in READINGS if r.experiment in names)
         (group,) = step_groups(taken_readings(Loads(rows)), "single")
         found = evaluate_group(group, wide, None)
         assert column(found, "increasing", "parts", "torque") == [0.05] * 5
         assert min(column(found, "increasing", "relative_std")) >= 0.05
 
 
-def test_a_repeated_series_is_told_by_its_column_and_by_its_place():
-    loads = worked_loads()
-    told = tuple("1" if r.experiment == "2" else "0" for r in loads.readings)
-    a = evaluated(loads)
-    b = evaluated(Loads(loads.readings, extra_columns={"repeat": told}))
-    np.testing.assert_array_equal(column(a, "repeatability_v"), column(b, "repeatability_v"))
-    apart = tuple(str(i) for i, r in enumerate(loads.readings) if r is not None)
-    mounted = Loads(loads.readings, extra_columns={"mounting": apart})
+def test_a_repeated_series_is_told_by_its_column_and_by_its_place(example):
+    told = tuple("1" if r.experiment == "2" else "0" for r in READINGS)
+    found = evaluated(Loads(READINGS, extra_columns={"repeat": told}))
+    assert column(found, "repeatability_v") == column(example, "repeatability_v")
+    apart = tuple(map(str, range(len(READINGS))))
+    mounted = Loads(READINGS, extra_columns={"mounting": apart})
     # every series in a mounting of its own: nothing was repeated
     assert column(evaluated(mounted), "repeatability_v") == [None] * 5
 
 
-def test_the_last_reading_of_loading_is_the_first_of_unloading():
-    loads = worked_loads()
-    once = [r for r in loads.readings if not (r.series == "down" and r.torque_nm == 40.0)]
-    a, b = evaluated(loads), evaluated(Loads(tuple(once)))
-    for keys, *_ in TABLE:
-        np.testing.assert_allclose(column(b, *keys), column(a, *keys), atol=1e-12)
-    assert b[0].class_increasing_decreasing.value == 2.0
-
-
 def test_one_series_without_zero_is_evaluated_and_says_what_it_lacks():
-    rows = tuple(
-        LoadReading("a", 0.0, "full", "cw", "up", t, 0.15 * t + 0.01) for t in (8.0, 16.0, 24.0)
-    )
-    body = evaluate_calibration(Loads(rows), max_consistency=0.05).to_json()
+    rows = [LoadReading("a", 0.0, "full", "cw", "up", t, 0.15 * t + 0.01) for t in (8, 16, 24)]
+    body = evaluate_calibration(Loads(tuple(rows)), max_consistency=0.05).to_json()
     assert body["class"] is None
     assert "no data for reproducibility" in body["class_reason"]
     assert body["groups"][0]["zero_by_line"] == ["a"]
@@ -224,13 +206,10 @@ def test_one_series_without_zero_is_evaluated_and_says_what_it_lacks():
 
 
 def test_a_preload_is_kept_and_not_evaluated():
-    loads = worked_loads()
-    preload = replace(loads.readings[5], reading_v=9.9)
-    with_it = Loads(
-        (preload, *loads.readings),
-        extra_columns={"kind": ("preload", *([""] * len(loads.readings)))},
-    )
-    a, b = (evaluate_calibration(x, max_consistency=0.05) for x in (loads, with_it))
+    preload = replace(READINGS[5], reading_v=9.9)
+    kinds = ("preload", *([""] * len(READINGS)))
+    with_it = Loads((preload, *READINGS), extra_columns={"kind": kinds})
+    a, b = (evaluate_calibration(x, max_consistency=0.05) for x in (worked_loads(), with_it))
     assert b.gain_nm_per_v == a.gain_nm_per_v
     assert b.to_json()["course"]["n_preloads"] == 1
 

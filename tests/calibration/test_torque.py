@@ -45,13 +45,15 @@ ARM = Arm(
 STANDARDS = Standards(
     mass=MassStandard(accuracy_class="M1"), length=LengthStandard(half_width_m=1e-4)
 )
+BENCH = load_profile("cim-tr-97-06")
 WARM = Conditions(temperature_c=21.5)
 
 
-def with_arm(text: str) -> str:
-    given = load_profile("cim-tr-97-06").text
-    start = given.index("[arm]")
-    return given[:start] + f"[arm]\n{text}\n\n" + given[given.index("[calibration]") :]
+def arm_of(text: str) -> Arm:
+    """Return the arm of a profile that says this of it."""
+    given = BENCH.text
+    before, after = given[: given.index("[arm]")], given[given.index("[calibration]") :]
+    return parse_profile(f"{before}[arm]\n{text}\n\n{after}", "p").data.arm
 
 
 def test_gravity_by_welmec_is_that_of_the_package_that_documents_it():
@@ -73,20 +75,16 @@ def test_both_gravity_formulas_agree_to_a_few_parts_per_million_where_people_liv
 
 
 def test_the_profile_takes_gravity_from_latitude_and_height_and_says_so():
-    profile = parse_profile(
-        with_arm("length_m = 0.5\nlatitude_deg = 45.5048\naltitude_m = 50"), "p"
-    )
-    assert profile.data.arm.gravity_m_s2 == gravity_wgs84(45.5048, 50.0)
-    assert profile.data.arm.gravity_source == "wgs84"
-    both = "length_m = 0.5\ngravity_m_s2 = 9.81\nlatitude_deg = 0.0\naltitude_m = 0"
-    given = parse_profile(with_arm(both), "p").data.arm
+    arm = arm_of("length_m = 0.5\nlatitude_deg = 45.5048\naltitude_m = 50")
+    assert (arm.gravity_m_s2, arm.gravity_source) == (gravity_wgs84(45.5048, 50.0), "wgs84")
+    given = arm_of("length_m = 0.5\ngravity_m_s2 = 9.81\nlatitude_deg = 0.0\naltitude_m = 0")
     assert (given.gravity_m_s2, given.gravity_source) == (9.81, "given")
 
 
 @pytest.mark.parametrize("text", ["length_m = 0.5", "length_m = 0.5\nlatitude_deg = 45.0"])
 def test_a_bench_without_gravity_and_place_is_refused(text):
     with pytest.raises(ProfileError, match="latitude_deg and altitude_m"):
-        parse_profile(with_arm(text), "p")
+        arm_of(text)
 
 
 def test_air_density_is_that_of_the_published_formula():
@@ -196,13 +194,14 @@ def test_no_torque_is_made_of_an_impossible_mass(mass):
 
 
 def test_torques_of_masses_are_corrected_and_given_torques_stay():
-    bench = load_profile("cim-tr-97-06").data
-    bench = bench.model_copy(update={"arm": ARM.model_copy(update={"gravity_m_s2": 9.8065})})
+    arm = ARM.model_copy(update={"gravity_m_s2": 9.8065})
+    bench = BENCH.data.model_copy(update={"arm": arm})
     nominal = 8.0 * 9.8065 * 0.5
+    hung = {"mass_kg": 8.0, "temperature_c": 21.5}
     rows = [
-        LoadReading("a", 0.0, "full", "cw", "up", nominal, 6.0, mass_kg=8.0, temperature_c=21.5),
-        LoadReading("a", 0.0, "full", "ccw", "up", -nominal, -6.0, mass_kg=8.0, temperature_c=21.5),
-        LoadReading("a", 0.0, "full", "cw", "up", 39.0, 6.0, mass_kg=8.0, temperature_c=21.5),
+        LoadReading("a", 0.0, "full", "cw", "up", nominal, 6.0, **hung),
+        LoadReading("a", 0.0, "full", "ccw", "up", -nominal, -6.0, **hung),
+        LoadReading("a", 0.0, "full", "cw", "up", 39.0, 6.0, **hung),
         LoadReading("a", 0.0, "full", "cw", "up", 39.0, 6.0),
     ]
     out, account = apply_torque(taken_readings(Loads(tuple(rows))), bench)
@@ -213,9 +212,9 @@ def test_torques_of_masses_are_corrected_and_given_torques_stay():
 
 
 def test_another_arm_length_of_a_row_is_used():
-    bench = load_profile("cim-tr-97-06").data
-    nominal = 2.0 * bench.arm.gravity_m_s2 * bench.arm.length_m
+    arm = BENCH.data.arm
+    nominal = 2.0 * arm.gravity_m_s2 * arm.length_m
     reading = LoadReading("a", 0.0, "full", "cw", "up", nominal, 1.0, mass_kg=2.0)
     loads = Loads((reading,), extra_columns={"arm_length_m": ("0.25",)})
-    out, _ = apply_torque(taken_readings(loads), bench)
-    assert out[0].reading.torque_nm == pytest.approx(2.0 * bench.arm.gravity_m_s2 * 0.25)
+    out, _ = apply_torque(taken_readings(loads), BENCH.data)
+    assert out[0].reading.torque_nm == pytest.approx(2.0 * arm.gravity_m_s2 * 0.25)

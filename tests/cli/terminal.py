@@ -18,7 +18,7 @@ _CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 class Person:
     """One command on a terminal of 80 x 24."""
 
-    def __init__(self, arguments: Sequence[str], *, term: str = "xterm") -> None:
+    def __init__(self, arguments: Sequence[object], *, term: str = "xterm") -> None:
         self.master, slave = pty.openpty()
         self.resize(24, 80)
         streams = dict.fromkeys(("stdin", "stdout", "stderr"), slave)
@@ -35,20 +35,16 @@ class Person:
     def resize(self, rows: int, columns: int) -> None:
         fcntl.ioctl(self.master, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
-    def wait_for(self, pattern: str, seconds: float = 60.0) -> None:
-        """Wait until `pattern` is shown, and after it a prompt."""
-        until = time.monotonic() + seconds
-        while True:
-            found = re.compile(pattern, re.DOTALL).search(self.text, self.seen)
-            if found:
-                self.seen = found.end()
-                return
+    def wait_for(self, pattern: str) -> None:
+        """Wait until `pattern` is shown."""
+        until, goes_on = time.monotonic() + 60.0, True
+        wanted = re.compile(pattern, re.DOTALL)
+        while not (found := wanted.search(self.text, self.seen)):
             shown = self.text[self.seen :][-600:]
+            assert goes_on, f"ended; waited for {pattern!r}, saw {shown!r}"
             assert time.monotonic() < until, f"waited for {pattern!r}, saw {shown!r}"
-            if not self.look(0.2):
-                assert re.compile(pattern, re.DOTALL).search(self.text, self.seen), (
-                    f"ended; waited for {pattern!r}, saw {shown!r}"
-                )
+            goes_on = self.look(0.2)
+        self.seen = found.end()
 
     def answer(self, pattern: str, keys: str) -> None:
         """Wait for a question and press keys."""
@@ -58,13 +54,9 @@ class Person:
     def press(self, keys: str) -> None:
         os.write(self.master, keys.encode())
 
-    def kill(self) -> None:
-        self.process.kill()
-        self.end()
-
-    def end(self, seconds: float = 60.0) -> int:
+    def end(self) -> int:
         """Wait for the end of the command and return its exit code."""
-        until = time.monotonic() + seconds
+        until = time.monotonic() + 60.0
         while self.look(0.1):
             assert time.monotonic() < until, f"does not end: {self.text[-600:]!r}"
         os.close(self.master)

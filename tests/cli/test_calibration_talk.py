@@ -33,13 +33,12 @@ def out(tmp_path: Path) -> Path:
 
 
 def calibrate(bench: str, out: Path, **named) -> Person:
-    arguments = ["calibrate", "--profile", bench, "--out", str(out), "--no-report"]
-    return Person(arguments, **named)
+    return Person(["calibrate", "--profile", bench, "--out", out, "--no-report"], **named)
 
 
-def resume(out: Path, **named) -> Person:
+def resume(out: Path) -> Person:
     (path,) = out.iterdir()
-    return Person(["runs", "resume", str(path), "--no-report"], **named)
+    return Person(["runs", "resume", path, "--no-report"])
 
 
 def set_up(person: Person) -> None:
@@ -52,6 +51,13 @@ def loads(out: Path) -> list[str]:
     (path,) = out.glob("*/loads.csv")
     rows = [line.split(",") for line in path.read_text().splitlines()]
     return [row[rows[0].index("mass_kg")] for row in rows[1:]]
+
+
+def check_kept(out: Path, readings: int) -> None:
+    """Check that a run that has ended early holds these readings."""
+    (path,) = out.iterdir()
+    found = verify_run(path)
+    assert (found.status, found.readings_in_journal) == ("incomplete", readings)
 
 
 def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench, out):
@@ -74,7 +80,8 @@ def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench, out):
     person.wait_for("goes on after 2 readings")
     person.answer(r"\[4 of 6\].*Hang 1 kg", "\n")
     person.wait_for(r"\[5 of 6\].*\n  > ")
-    person.kill()
+    person.process.kill()
+    person.end()
     (path,) = out.iterdir()
     assert verify_run(path).recoverable
     resolve_input(path)  # loads.csv of the first session would lack the last reading
@@ -123,9 +130,7 @@ def test_ctrl_c_at_a_prompt_keeps_the_run_however_often(bench, out):
     person.press(5 * "\x03")
     assert person.end() == 130
     assert "Traceback" not in person.text
-    (path,) = out.iterdir()
-    assert verify_run(path).status == "incomplete"
-    assert verify_run(path).readings_in_journal == 1
+    check_kept(out, 1)
 
 
 def test_a_terminal_that_is_closed_keeps_the_run(bench, out):
@@ -134,8 +139,7 @@ def test_a_terminal_that_is_closed_keeps_the_run(bench, out):
     person.wait_for(r"\[3 of 6\].*\n  > ")
     os.close(person.master)
     assert person.process.wait(60) in (5, 129)
-    (path,) = out.iterdir()
-    assert verify_run(path).status == "incomplete"
+    check_kept(out, 1)
 
 
 def test_the_end_of_piped_answers_keeps_the_run(bench, out):
@@ -144,8 +148,7 @@ def test_the_end_of_piped_answers_keeps_the_run(bench, out):
     told, _ = process.communicate("\n\n\n\n", timeout=60)
     assert process.returncode == 5
     assert "standard input has ended" in json.loads(told)["error"]["what"]
-    (path,) = out.iterdir()
-    assert verify_run(path).readings_in_journal == 2
+    check_kept(out, 2)
 
 
 def test_the_live_line_fits_a_small_terminal():

@@ -117,19 +117,15 @@ def test_people_read_model_gain_and_place(volts, tmp_path, hdbench):
 
 def test_a_run_is_filtered_by_the_filter_that_ran_in_it(volts, tmp_path, filtered):
     profile = load_profile("cim-tr-97-06")
-    ran = load_filter_model("report-a1", profile.data)
     folder = RunFolder.create(tmp_path / "runs", kind="ripple", profile=profile, details={})
-    folder.update(filter=ran.to_dict())
+    folder.update(filter=load_filter_model("report-a1", profile.data).to_dict())
     folder.trace.write_bytes(volts.read_bytes())
-    out = tmp_path / "clean.csv"
-    found = filtered(folder.path, "--out", out)
-    assert found["filter"]["name"] == "report-a1"
-    named = filtered(folder.path, "--model", "report-6", "--out", out)
-    assert named["filter"]["name"] == "report-6"
+    words = (folder.path, "--out", tmp_path / "clean.csv")
+    assert filtered(*words)["filter"]["name"] == "report-a1"
+    assert filtered(*words, "--model", "report-6")["filter"]["name"] == "report-6"
     other = tmp_path / "other.toml"
     other.write_text(profile.text.replace("gear_ratio = 100.0", "gear_ratio = 50.0"))
-    changed = filtered(folder.path, "--profile", other, "--out", out)
-    assert changed["filter"]["gear_ratio"] == 50.0
+    assert filtered(*words, "--profile", other)["filter"]["gear_ratio"] == 50.0
 
 
 def test_it_never_writes_over_what_was_measured(volts, tmp_path, filtered):
@@ -141,18 +137,16 @@ def test_it_never_writes_over_what_was_measured(volts, tmp_path, filtered):
     assert volts.read_bytes() == before
 
 
-@pytest.mark.parametrize("fault", ["rows-missing", "beyond-any-motor", "end-of-the-converter"])
-def test_gaps_faults_and_saturation_exit_6_and_are_marked(tmp_path, fault, filtered):
+@pytest.mark.parametrize("flag", ["gap", "missing-samples", "saturation"])
+def test_gaps_faults_and_saturation_exit_6_and_are_marked(tmp_path, flag, filtered):
     t = np.arange(300) * 1e-3
-    v, y = 0 * t + 50.0, np.cos(t)
-    name = "torque_v" if fault == "end-of-the-converter" else "torque_nm"
-    if fault == "rows-missing":
+    v, y, torque = 0 * t + 50.0, np.cos(t), "torque_nm"
+    if flag == "gap":
         t, v, y = (np.delete(column, slice(100, 140)) for column in (t, v, y))
-    elif fault == "beyond-any-motor":
+    elif flag == "missing-samples":
         v[100] = 1e300
     else:
-        y[100:110] = 10.0
-    source = write(tmp_path / "trace.csv", f"time_s,motor_velocity_rad_s,{name}", t, v, y)
+        y[100:110], torque = 10.0, "torque_v"
+    source = write(tmp_path / "trace.csv", f"time_s,motor_velocity_rad_s,{torque}", t, v, y)
     found = filtered(source, "--out", tmp_path / "clean.csv", code=6)
-    flag = {"rows-missing": "gap", "beyond-any-motor": "missing-samples"}.get(fault, "saturation")
     assert [entry["name"] for entry in found["flags"]] == [flag]

@@ -1,6 +1,7 @@
 """`hdbench plan` says what a run tells apart and writes the run that does."""
 
 import json
+from pathlib import Path
 
 from hdbench.diagnosis.planning import read_plan
 
@@ -19,13 +20,13 @@ def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path, answer):
 
 
 def test_inseparable_causes_get_no_plan_but_what_settles_them(tmp_path, hdbench):
-    words = ("plan", "--cause", "misalignment", "--cause", "load-gravity")
+    words = ("plan", "--cause", "misalignment", "--cause", "load-gravity", "--duration", 60)
     shown = hdbench(*words)[0]
     assert "NOT told apart" in shown
     assert "motor_current_a" in shown
     assert "no run of this bench" in shown
-    done = hdbench(*words, "--out", tmp_path / "p.toml", code=2)
-    assert "no plan file was written" in done[1]
+    told = hdbench(*words, "--out", tmp_path / "p.toml", code=2)[1]
+    assert "no plan file was written" in told
     assert not (tmp_path / "p.toml").exists()
 
 
@@ -46,59 +47,50 @@ def test_a_plan_with_loads_is_refused_without_a_person(tmp_path, hdbench):
         'torque_nm = 9.8\n[[segments]]\nkind = "rest"\nduration_s = 1.0\n'
     )
     words = ("run-ripple", "--plan", out, "--yes", "--no-input", "--out", tmp_path / "runs")
-    done = hdbench(*words, code=2)
-    assert "needs an operator" in done[1]
-    assert "hang 2 kg" in done[1]
+    told = hdbench(*words, code=2)[1]
+    assert "needs an operator" in told
+    assert "hang 2 kg" in told
     assert not (tmp_path / "runs").exists()
 
 
 def test_wrong_input_is_told_in_words(tmp_path, hdbench):
     assert "nearest is" in hdbench("plan", "--cause", "ripple", code=4)[1]
-    assert "needed: full" in hdbench("plan", "--cause", "coulomb-friction", "--protocol", "x",
-                                     code=2)[1]  # fmt: skip
+    words = ("plan", "--cause", "coulomb-friction", "--protocol", "x")
+    assert "needed: full" in hdbench(*words, code=2)[1]
     bad = tmp_path / "p.toml"
     bad.write_text('schema = "hdbench/plan/1"\n[[segments]]\nkind = "rest"\n')
-    done = hdbench("run-ripple", "--plan", bad, "--dry-run", code=4)
-    assert "segments[0].duration_s" in done[1]
+    told = hdbench("run-ripple", "--plan", bad, "--dry-run", code=4)[1]
+    assert "segments[0].duration_s" in told
     fast = tmp_path / "f.toml"
     fast.write_text(
         'schema = "hdbench/plan/1"\n[[segments]]\nkind = "ramp"\nspeed_rad_s = 900\n'
         'duration_s = 9\n[[segments]]\nkind = "ramp"\nspeed_rad_s = 0\nduration_s = 9\n'
     )
-    done = hdbench("run-ripple", "--plan", fast, "--dry-run", code=2)
-    assert "motor speed 900 rad/s is above 400" in done[1]
+    told = hdbench("run-ripple", "--plan", fast, "--dry-run", code=2)[1]
+    assert "motor speed 900 rad/s is above 400" in told
 
 
 def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(
     tmp_path, hdbench, named_cause, answer
 ):
-    place = {"value": 74.5, "std": None, "unit": "Hz"}
+    frequency_hz = {"value": 74.5, "std": None, "unit": "Hz"}
     order = {"value": 3.0, "std": None, "unit": "1"}
-    cause = named_cause(
-        "structural-tone",
-        {"frequency_hz": place, "order": order},
-        group=["structural-tone", "ripple-harmonic"],
-    )
-    noise = {"std_nm": 0.02}
-    result = {
-        "schema": "hdbench/diagnosis/1",
-        "verdict": "named",
-        "causes": [cause],
-        "settings": {"noise": noise},
-    }
+    shape = {"frequency_hz": frequency_hz, "order": order}
     file = tmp_path / "result.json"
-    file.write_text(json.dumps(result))
-    body = answer("plan", "--for", file, "--no-loads")
-    assert {pair["first"] for pair in body["pairs"]} == {"structural-tone", "ripple-harmonic"}
-    assert all(pair["separated"] for pair in body["pairs"])
+
+    def diagnosed(noise: object, *rivals: str) -> Path:
+        cause = named_cause("structural-tone", shape, group=["structural-tone", *rivals])
+        body = {"verdict": "named", "causes": [cause], "settings": {"noise": noise}}
+        file.write_text(json.dumps({"schema": "hdbench/diagnosis/1", **body}))
+        return file
+
     falling = {"frequency_hz": [0.1, 1.0, 500.0], "power_nm2": [0.1, 1e-3, 1e-4]}
-    file.write_text(json.dumps(result | {"settings": {"noise": falling}}))
-    body = answer("plan", "--for", file, "--no-loads")
-    assert all(pair["separated"] for pair in body["pairs"])
+    for noise in ({"std_nm": 0.02}, falling):
+        words = ("plan", "--for", diagnosed(noise, "ripple-harmonic"), "--duration", 30)
+        pairs = answer(*words, "--no-loads")["pairs"]
+        assert {pair["first"] for pair in pairs} == {"structural-tone", "ripple-harmonic"}
+        assert all(pair["separated"] for pair in pairs)
     for broken in ({"std_nm": 0.0}, {"frequency_hz": [1.0]}, 3):
-        result["settings"] = {"noise": broken}
-        file.write_text(json.dumps(result))
-        assert "settings.noise" in hdbench("plan", "--for", file, code=4)[1]
-    result |= {"causes": [{**cause, "group": ["structural-tone"]}], "settings": {}}
-    file.write_text(json.dumps(result))
-    assert "nothing is open" in hdbench("plan", "--for", file, code=2)[1]
+        words = ("plan", "--for", diagnosed(broken, "ripple-harmonic"))
+        assert "settings.noise" in hdbench(*words, code=4)[1]
+    assert "nothing is open" in hdbench("plan", "--for", diagnosed(None), code=2)[1]

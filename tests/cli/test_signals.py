@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
 
@@ -15,15 +16,14 @@ from forked import ended, hdbench_process
 from runkit import ran
 
 
+@dataclass(frozen=True)
 class Served:
     """An emulated bench in its own process, with the history of its motor."""
 
-    def __init__(self, process: Popen[str], profile: Path, record: Path) -> None:
-        told = json.loads(process.stdout.readline())
-        self.process = process
-        self.words = ("--profile", str(profile), "--address", told["address"])
-        self.control = told["control"]
-        self.record = record
+    process: Popen[str]
+    record: Path
+    words: tuple[str, ...]
+    control: str
 
     def history(self) -> list[dict[str, object]]:
         return [json.loads(line) for line in self.record.read_text().splitlines()]
@@ -36,7 +36,9 @@ def serving(folder: Path, text: str) -> Iterator[Served]:
     words = ["--profile", str(profile), "--record", str(record)]
     words = ["emulate", "--pace", "realtime", *words, "--json"]
     process = hdbench_process(words, stdout=PIPE, stderr=DEVNULL, text=True)
-    yield Served(process, profile, record)
+    told = json.loads(process.stdout.readline())
+    found = ("--profile", str(profile), "--address", told["address"])
+    yield Served(process, record, found, told["control"])
     process.terminate()
     process.wait(timeout=60)
     process.stdout.close()
@@ -128,16 +130,20 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path
     assert (folder / "trace.csv").read_text().count("\n") > 100
 
 
-def test_a_second_run_on_the_same_bench_is_refused(served, tmp_path):
+def test_a_second_run_is_refused_and_stop_stops_the_motor_of_the_first(served, tmp_path, answer):
     out = tmp_path / "runs"
     first = start(served, out)
-    wait_for(lambda: journal_size(out) > 5_000)
+    wait_for(lambda: journal_size(out) > 20_000)
     second = start(served, tmp_path / "other")
     _, stderr = second.communicate(timeout=60)
     assert second.returncode == 9, stderr
-    first.send_signal(signal.SIGINT)
+    assert first.poll() is None
+    body = answer("stop", *served.words)
+    assert body["confirmed"] is True
+    assert body["reference_v"] == 0.0
     first.communicate(timeout=60)
-    assert first.returncode == 130
+    assert first.returncode != 0
+    assert manifest(out)["status"] == "incomplete"
 
 
 def test_a_bench_that_dies_ends_the_run_loudly(tmp_path, text):
@@ -153,21 +159,8 @@ def test_a_bench_that_dies_ends_the_run_loudly(tmp_path, text):
     assert manifest(out)["status"] == "incomplete"
 
 
-def test_stop_stops_the_motor_of_another_run(served, tmp_path, answer):
-    out = tmp_path / "runs"
-    running = start(served, out)
-    wait_for(lambda: journal_size(out) > 20_000)
-    body = answer("stop", *served.words)
-    assert body["confirmed"] is True
-    assert body["reference_v"] == 0.0
-    running.communicate(timeout=60)
-    assert running.returncode != 0
-    assert manifest(out)["status"] == "incomplete"
-
-
 def test_ctrl_c_before_a_command_listens_leaves_no_traceback():
-    code = "import hdbench_cli; raise KeyboardInterrupt"
-    done = ended([sys.executable, "-c", code])
+    done = ended([sys.executable, "-c", "import hdbench_cli; raise KeyboardInterrupt"])
     assert done.stderr == "stopped\n"
     # an uncaught interrupt ends the process by its own signal: a shell says 130
     assert done.returncode == -signal.SIGINT

@@ -14,14 +14,8 @@ from hdbench.session.calibrating.plan import calibration_points
 from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.stop import StopSignals
 
-_SHORT = {
-    "positions": 1,
-    "directions": ("cw",),
-    "ranges": ("low",),
-    "low_masses_kg": (0.0, 0.5, 1.0),
-}
-_DATA = WHOLE.data
-PROFILE = with_keys(_DATA, calibration=_SHORT)
+_SHORT = {"positions": 1, "directions": ("cw",), "ranges": ("low",)}
+PROFILE = with_keys(WHOLE.data, calibration={**_SHORT, "low_masses_kg": (0.0, 0.5, 1.0)})
 LEVER = PROFILE.arm.gravity_m_s2 * PROFILE.arm.length_m
 GAIN = PROFILE.sensor.gain_nm_per_v
 

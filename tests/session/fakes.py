@@ -7,9 +7,10 @@ import numpy as np
 
 from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeState
 from hdbench.errors import DeviceError
-from hdbench.filter import preset
+from hdbench.filter import FilterModel, filter_trace, preset
 from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
+from hdbench.records import Trace
 from hdbench.records.journal import JournalContent, JournalWriter
 from hdbench.session import BenchOptions, Plan
 from hdbench.session.options import Task
@@ -22,6 +23,12 @@ def quiet(_what: str, _share: float) -> None:
     """Say nothing of the progress."""
 
 
+def check_filtered(trace: Trace, model: dict[str, object]) -> None:
+    """Hold what a run filtered while it measured against its filter over the stored trace."""
+    again = filter_trace(trace, FilterModel.from_dict(model, source="run.json"), WHOLE.data)
+    np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
+
+
 def opened(path: Path) -> tuple[JournalWriter, JournalContent | None]:
     """Return the journal in a folder and what it holds already."""
     if (path / "journal.hdj").exists():
@@ -32,19 +39,9 @@ def opened(path: Path) -> tuple[JournalWriter, JournalContent | None]:
 def task_in(path: Path, plan: Plan, *, profile=WHOLE, stop=None, content=None) -> Task:
     """Return a run in a folder that holds nothing but its journal."""
     folder = SimpleNamespace(path=path, journal=path / "journal.hdj", trace=path / "trace.csv")
-    model = preset("report-6", WHOLE.data)
-    return Task(
-        plan.kind,
-        profile,
-        BenchOptions(path),
-        plan,
-        profile_scale(WHOLE),
-        model,
-        folder,
-        stop or StopSignals(),
-        quiet,
-        content,
-    )
+    asked = (plan.kind, profile, BenchOptions(path), plan)
+    scaled = (profile_scale(WHOLE), preset("report-6", WHOLE.data))
+    return Task(*asked, *scaled, folder, stop or StopSignals(), quiet, content)
 
 
 class FakeBench:

@@ -25,10 +25,9 @@ def loads(folder: Path):
     return journal_loads(read_journal(folder / "journal.hdj"), "journal")
 
 
-def test_a_person_is_asked_for_each_change_once_and_every_load_is_read(tmp_path: Path) -> None:
+def test_a_person_is_asked_for_each_change_once_and_every_load_is_read(tmp_path):
     talk = Scripted()
-    walk = make_walk(tmp_path, talk=talk)
-    walk.run()
+    walk = walked(tmp_path, talk=talk)
     assert [r.mass_kg for r in loads(tmp_path).readings] == MASSES
     # the fake reads torque / 6.6 with a 0.1 mV cosine on it
     for reading in loads(tmp_path).readings:
@@ -44,9 +43,7 @@ def test_a_person_is_asked_for_each_change_once_and_every_load_is_read(tmp_path:
 
 
 @pytest.mark.parametrize("kept", [False, True])
-def test_a_wrong_weight_is_asked_about_and_its_reading_is_kept_marked(
-    tmp_path: Path, kept: bool
-) -> None:
+def test_a_wrong_weight_is_asked_about_and_its_reading_is_kept_marked(tmp_path, kept):
     talk = Scripted([("did you hang", Answer.ACCEPT)] if kept else [])
     bench = FakeBench()
     walked(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
@@ -62,13 +59,10 @@ def test_a_wrong_weight_is_asked_about_and_its_reading_is_kept_marked(
     assert rows.count("rejected,confirmed-gross-error") == (not kept)
 
 
-def test_repeat_reads_the_hanging_weight_again_and_back_asks_for_the_one_before(
-    tmp_path: Path,
-) -> None:
+def test_repeat_reads_the_hanging_weight_again_and_back_asks_for_the_one_before(tmp_path):
     talk = Scripted([("Hang 1 kg", Answer.REPEAT), ("Hang 1 kg", Answer.BACK)])
     walked(tmp_path, talk=talk)
-    found = loads(tmp_path)
-    assert [r.mass_kg for r in found.readings] == MASSES
+    assert [r.mass_kg for r in loads(tmp_path).readings] == MASSES
     # 0.5 kg was read three times, hung twice; all three stand in the journal
     kept = [body for kind, body in blocks(tmp_path) if kind == "reading" and body["point"] == 3]
     assert len(kept) == 3
@@ -78,7 +72,7 @@ def test_repeat_reads_the_hanging_weight_again_and_back_asks_for_the_one_before(
     assert sum("Hang 0.5 kg" in t for t in talk.asked("hang")) == 3  # up, again after back, down
 
 
-def test_the_last_reading_can_be_repeated_before_it_is_finished(tmp_path: Path) -> None:
+def test_the_last_reading_can_be_repeated_before_it_is_finished(tmp_path):
     talk = Scripted([("Finish", Answer.REPEAT)])
     walked(tmp_path, talk=talk)
     assert len(talk.asked("last")) == 2
@@ -86,7 +80,7 @@ def test_the_last_reading_can_be_repeated_before_it_is_finished(tmp_path: Path) 
     assert len(loads(tmp_path)) == 5
 
 
-def test_there_is_no_way_back_over_a_mounting(tmp_path: Path) -> None:
+def test_there_is_no_way_back_over_a_mounting(tmp_path):
     profile = with_keys(PROFILE, calibration={"positions": 2})
     talk = Scripted([("p2-cw-low 1 of 5", Answer.BACK), ("p1-cw-low 1 of 5", Answer.BACK)])
     walked(tmp_path, talk=talk, profile=profile)
@@ -94,38 +88,33 @@ def test_there_is_no_way_back_over_a_mounting(tmp_path: Path) -> None:
     assert len(loads(tmp_path)) == 10
 
 
-def test_a_skipped_point_is_left_out_and_back_opens_it_again(tmp_path: Path) -> None:
-    talk = Scripted([("Hang 1 kg", Answer.SKIP)])
-    walk = make_walk(tmp_path, talk=talk)
-    walk.run()
+def test_a_skipped_point_is_left_out_and_back_opens_it_again(tmp_path):
+    walk = walked(tmp_path, talk=Scripted([("Hang 1 kg", Answer.SKIP)]))
     assert [r.mass_kg for r in loads(tmp_path).readings] == [0.0, 0.5, 0.5, 0.0]
     assert walk.log.state.skipped == {4}
     other = tmp_path / "other"
     other.mkdir()
     # from the last zero back over the 0.5 kg on the way down to the 1 kg that was skipped
     answers = [("Hang 1 kg", Answer.SKIP), ("5 of 5", Answer.BACK), ("4 of 5", Answer.BACK)]
-    talk = Scripted(answers)
-    walked(other, talk=talk)
+    walked(other, talk=Scripted(answers))
     assert [r.mass_kg for r in loads(other).readings] == MASSES
 
 
-def test_keys_while_the_reading_settles_are_obeyed(tmp_path: Path) -> None:
+def test_keys_while_the_reading_settles_are_obeyed(tmp_path):
     for key, taken in ((Answer.ACCEPT, 5), (Answer.REPEAT, 5), (Answer.SKIP, 4), (Answer.BACK, 6)):
         folder = tmp_path / key.value
         folder.mkdir()
         talk = Scripted()
-        bench = FakeBench()
-        walk = make_walk(folder, talk=talk, bench=bench)
         # the fake settles in ten blocks: nine looks for each point, the 25th is at the third
         talk.keys = {25: key}
-        walk.run()
+        walked(folder, talk=talk)
         found = sum(kind == "reading" for kind, _ in blocks(folder))
         if key is Answer.ACCEPT:
             assert "not-settled" in loads(folder).extra_columns["flags"][1]
         assert found == taken, key
 
 
-def test_a_reading_that_never_settles_is_asked_about(tmp_path: Path) -> None:
+def test_a_reading_that_never_settles_is_asked_about(tmp_path):
     class Drifting(FakeBench):
         def read_block(self):
             block = super().read_block()
@@ -140,7 +129,7 @@ def test_a_reading_that_never_settles_is_asked_about(tmp_path: Path) -> None:
     assert done["flags"].startswith("timeout")
 
 
-def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path: Path) -> None:
+def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path):
     bench = FakeBench()
     hands = FakeHands(bench, {1: 1.0})
     talk = Scripted([("the bridge rests at", Answer.QUIT)])
@@ -151,13 +140,13 @@ def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path: Path) -> None
     assert bench.calls[-1] == "safe_state"
 
 
-def test_a_bridge_without_room_for_the_heaviest_weight_is_told(tmp_path: Path) -> None:
+def test_a_bridge_without_room_for_the_heaviest_weight_is_told(tmp_path):
     talk = Scripted([("the range ends at", Answer.ACCEPT)])
     walked(tmp_path, talk=talk, profile=with_keys(PROFILE, daq={"range_v": 0.75}))
     assert any("the range ends at 0.75 V" in text for text in talk.asked("gross-error"))
 
 
-def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path: Path) -> None:
+def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path):
     shunt = ShuntCheck(resistor_ohm=87150.0, expected_v=1.2, tolerance=0.01)
     bench = FakeBench()
     hands = FakeHands(bench)
@@ -170,9 +159,7 @@ def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path: 
     assert len(loads(tmp_path)) == 5
 
 
-def test_without_a_person_the_right_weight_is_hung_again_three_times_at_most(
-    tmp_path: Path,
-) -> None:
+def test_without_a_person_the_right_weight_is_hung_again_three_times_at_most(tmp_path):
     class Stubborn(FakeHands):
         def put(self, mass_kg, *, number, **how) -> None:
             super().put(0.5 if number == 4 else mass_kg, number=number, **how)
@@ -185,7 +172,7 @@ def test_without_a_person_the_right_weight_is_hung_again_three_times_at_most(
     assert loads(tmp_path).extra_columns["flags"][2] == "confirmed-gross-error"
 
 
-def test_a_lock_that_slips_aborts_the_calibration(tmp_path: Path) -> None:
+def test_a_lock_that_slips_aborts_the_calibration(tmp_path):
     def slip(bench: FakeBench, name: str) -> None:
         if name == "start" and bench.calls.count("start") == 4:
             bench.count += 200
@@ -200,8 +187,8 @@ def test_a_lock_that_slips_aborts_the_calibration(tmp_path: Path) -> None:
 @pytest.mark.parametrize("call", ["configure", "start", "read_block", "stop"])
 @pytest.mark.parametrize("after", [0, 3])
 def test_whichever_call_fails_the_bench_is_made_safe_and_what_was_accepted_stays(
-    tmp_path: Path, call: str, after: int
-) -> None:
+    tmp_path, call, after
+):
     bench = FakeBench(fail_at=call, after=after)
     with pytest.raises(DeviceError, match=f"{call} failed"):
         walked(tmp_path, bench=bench)
@@ -211,9 +198,7 @@ def test_whichever_call_fails_the_bench_is_made_safe_and_what_was_accepted_stays
 
 
 @pytest.mark.parametrize("at", range(1, 7))
-def test_a_signal_at_any_question_or_reading_is_obeyed_and_the_rest_is_resumed(
-    tmp_path: Path, at: int
-) -> None:
+def test_a_signal_at_any_question_or_reading_is_obeyed_and_the_rest_is_resumed(tmp_path, at):
     stop = StopSignals()
 
     def ask(bench: FakeBench, name: str) -> None:
@@ -231,9 +216,7 @@ def test_a_signal_at_any_question_or_reading_is_obeyed_and_the_rest_is_resumed(
 
 
 @pytest.mark.parametrize("question", range(1, 9))
-def test_quitting_at_any_question_loses_nothing_and_asks_nothing_twice(
-    tmp_path: Path, question: int
-) -> None:
+def test_quitting_at_any_question_loses_nothing_and_asks_nothing_twice(tmp_path, question):
     class Leaves(Scripted):
         def ask(self, asked):
             reply = super().ask(asked)
@@ -249,7 +232,7 @@ def test_quitting_at_any_question_loses_nothing_and_asks_nothing_twice(
     assert [r.mass_kg for r in loads(tmp_path).readings] == MASSES
 
 
-def test_a_kill_at_any_byte_of_the_journal_loses_no_accepted_reading(tmp_path: Path) -> None:
+def test_a_kill_at_any_byte_of_the_journal_loses_no_accepted_reading(tmp_path):
     talk = Scripted([("Hang 1 kg", Answer.REPEAT), ("4 of 5", Answer.BACK)])
     whole = tmp_path / "whole"
     whole.mkdir()
@@ -268,17 +251,16 @@ def test_a_kill_at_any_byte_of_the_journal_loses_no_accepted_reading(tmp_path: P
         assert [r.mass_kg for r in loads(folder).readings] == MASSES
 
 
-def test_two_processes_cannot_record_one_calibration(tmp_path: Path) -> None:
+def test_two_processes_cannot_record_one_calibration(tmp_path):
     first = make_walk(tmp_path)
     assert first.log.state.pending()
     with pytest.raises(BusyError, match="another process records this run"):
         make_walk(tmp_path)
 
 
-def test_on_resume_the_hands_get_every_change_of_the_simulated_bench(tmp_path: Path) -> None:
-    talk = Scripted([("Hang 1 kg", Answer.QUIT)])
+def test_on_resume_the_hands_get_every_change_of_the_simulated_bench(tmp_path):
     with pytest.raises(Stopped):
-        walked(tmp_path, talk=talk)
+        walked(tmp_path, talk=Scripted([("Hang 1 kg", Answer.QUIT)]))
     bench = FakeBench()
     hands = FakeHands(bench)
     again = Scripted()

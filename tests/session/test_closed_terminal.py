@@ -4,17 +4,13 @@ import json
 import os
 import sys
 import time
-from pathlib import Path
 
 import pytest
+from faults import kit
 from terminal import Person
 
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.profile import load_profile
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
-from faults import kit
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="terminals of Linux")
 

@@ -20,10 +20,9 @@ WEIGHTS = weights_of(calibration_points(PROFILE))
 UNEXPLAINED = "no weight of the set explains it"
 
 
-def point(experiment: str, mass: float):
-    return next(
-        p for p in calibration_points(PROFILE) if p.experiment == experiment and p.mass_kg == mass
-    )
+def point(experiment: str, mass_kg: float):
+    asked = (experiment, mass_kg)
+    return next(p for p in calibration_points(PROFILE) if (p.experiment, p.mass_kg) == asked)
 
 
 def error(asked, hung_nm: float, *, zero_v: float = 0.1, gain: float = GAIN, accepted=()):
@@ -32,33 +31,29 @@ def error(asked, hung_nm: float, *, zero_v: float = 0.1, gain: float = GAIN, acc
     return gross_error(asked, read_nm, 0.3, WEIGHTS, PROFILE.arm)
 
 
-def test_a_forgotten_weight_and_the_wrong_side_are_named() -> None:
-    assert "does no weight hang?" in error(point("p1-cw-full", 4.0), 0.0)
+def test_the_wrong_side_is_named():
     wrong_side = error(point("p1-ccw-full", 4.0), 4.0 * LEVER)
     assert "did you hang 4 kg on the cw side?" in wrong_side
-    assert "did you hang 0.5 kg?" in error(point("p1-cw-low", 0.0), 0.5 * LEVER)
 
 
 @pytest.mark.parametrize("hung_nm", [3.25 * LEVER, math.nan])
-def test_what_no_weight_explains_is_said_so(hung_nm: float) -> None:
+def test_what_no_weight_explains_is_said_so(hung_nm):
     assert UNEXPLAINED in error(point("p1-cw-full", 4.0), hung_nm)
 
 
 @pytest.mark.parametrize("experiment", ["p1-cw-low", "p1-ccw-full"])
-def test_every_pair_of_weights_of_a_series_is_told_apart_and_the_right_one_passes(
-    experiment: str,
-) -> None:
+def test_every_pair_of_weights_of_a_series_is_told_apart_and_the_right_one_passes(experiment):
     series = [p for p in calibration_points(PROFILE) if p.experiment == experiment]
     for asked in series:
         assert error(asked, asked.torque_nm) is None
         for other in series:
             if other.mass_kg != asked.mass_kg:
                 found = error(asked, other.torque_nm)
-                words = f"{other.mass_kg:g} kg" if other.mass_kg else "no weight"
-                assert words in found
+                hung = f"did you hang {other.mass_kg:g} kg?"
+                assert (hung if other.mass_kg else "does no weight hang?") in found
 
 
-def test_a_gain_off_by_seven_percent_is_no_wrong_weight_but_ten_kept_readings_teach_more() -> None:
+def test_a_gain_off_by_seven_percent_is_no_wrong_weight_but_ten_kept_readings_teach_more():
     heavy = point("p1-cw-full", 8.0)
     assert error(heavy, heavy.torque_nm, gain=1.07 * GAIN) is None
     true_gain = 1.25 * GAIN
@@ -67,7 +62,7 @@ def test_a_gain_off_by_seven_percent_is_no_wrong_weight_but_ten_kept_readings_te
     assert error(heavy, heavy.torque_nm, gain=true_gain, accepted=kept) is None
 
 
-def test_one_wrong_reading_among_those_kept_does_not_move_what_is_expected() -> None:
+def test_one_wrong_reading_among_those_kept_does_not_move_what_is_expected():
     kept = [(mass * LEVER, mass * LEVER / GAIN) for mass in (2.0, 4.0)]
     kept.append((6.0 * LEVER, 2.0 * LEVER / GAIN))
     assert learnt_gain(kept, GAIN) == pytest.approx(GAIN)

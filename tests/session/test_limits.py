@@ -55,14 +55,12 @@ def test_lost_samples_cross_nothing_but_a_measured_nan_does():
 
 
 def test_a_channel_that_the_bench_does_not_have_is_not_watched():
-    changed = rows()
-    changed["motor_current_a"][:] = np.nan
-    LimitWatch(LIMITS).check(block(absent=("current",)), changed)
+    unknown = {**rows(), "motor_current_a": np.full(4, np.nan)}
+    LimitWatch(LIMITS).check(block(absent=("current",)), unknown)
 
 
 def test_travel_counts_from_where_the_acquisition_began():
-    limits = LIMITS.model_copy(update={"travel_rad": 10.0})
-    watch = LimitWatch(limits)
+    watch = LimitWatch(LIMITS.model_copy(update={"travel_rad": 10.0}))
     start = rows()
     start["motor_angle_rad"] += 500.0
     watch.check(block(), start)

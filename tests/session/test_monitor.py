@@ -1,14 +1,15 @@
 """Looking on moves nothing, keeps nothing, and tells what the channels did."""
 
 import signal
-import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import pytest
 from changing import with_keys
+from faults.lines import behind, emulated
 from faults.mangler import Mangler, TcpFraming
 
 from hdbench.devices.emulator.node import build_core
@@ -21,18 +22,18 @@ from hdbench.session.monitor import ChannelStatistics, Observation, observe
 from hdbench.session.recorder import Frame
 from hdbench.session.stop import StopSignals
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
-from faults.lines import behind, emulated
-
 PROFILE = load_profile("cim-tr-97-06")
 
 
 class Seen:
-    def __init__(self) -> None:
+    """Keeps the frames, and acts at each."""
+
+    def __init__(self, act: Callable[[], object] = lambda: None) -> None:
+        self.act = act
         self.frames: list[Frame] = []
 
     def frame(self, frame: Frame) -> None:
+        self.act()
         self.frames.append(frame)
 
     def asking(self, *, now: bool) -> None:
@@ -48,7 +49,7 @@ def look(
     return observe(profile, scale, model, watcher, stop, duration_s=duration_s, **told)
 
 
-def test_statistics_by_blocks_are_those_of_all_samples() -> None:
+def test_statistics_by_blocks_are_those_of_all_samples():
     rng = np.random.default_rng(3)
     # far from zero, where a sum of squares would lose eight digits
     values = 1e6 + rng.standard_normal(10_000)
@@ -63,16 +64,14 @@ def test_statistics_by_blocks_are_those_of_all_samples() -> None:
     assert (told["min"], told["max"]) == (np.nanmin(values), np.nanmax(values))
 
 
-def test_a_channel_without_a_sample_has_no_numbers() -> None:
+def test_a_channel_without_a_sample_has_no_numbers():
     found = ChannelStatistics("V")
     found.add(np.full(5, np.nan))
     none = dict.fromkeys(("mean", "std", "min", "max"))
     assert found.to_dict() == {"unit": "V", "n": 0, **none}
 
 
-def test_the_drive_stays_disabled_and_no_run_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_drive_stays_disabled_and_no_run_is_left(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seen = Seen()
     found = look(seen, 0.3, plant="worn", seed=1)
@@ -88,27 +87,22 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_bench_without_an_encoder_is_watched_by_what_it_has() -> None:
+def test_a_bench_without_an_encoder_is_watched_by_what_it_has():
     bare = replace(PROFILE, data=with_keys(PROFILE.data, daq={"channels": ("torque", "tacho")}))
     told = look(Seen(), 0.1, profile=bare).channels
     assert told["torque_nm"]["n"] == 100
     assert told["motor_angle_rad"]["n"] == 0
 
 
-def test_a_signal_ends_it_with_the_bench_safe() -> None:
+def test_a_signal_ends_it_with_the_bench_safe():
     stop = StopSignals()
-
-    class Stopper(Seen):
-        def frame(self, frame: Frame) -> None:
-            stop.note(signal.SIGINT, None)
-
-    found = look(Stopper(), stop=stop)
+    found = look(Seen(lambda: stop.note(signal.SIGINT, None)), stop=stop)
     assert found.stopped_by == signal.SIGINT
     assert found.safe_state.confirmed
     assert found.samples < 2000
 
 
-def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
+def test_what_looks_on_is_told_how_often_the_driver_asked_again():
     """One reply in twenty is lost; the count comes from the driver, through block and frame."""
     profile = PROFILE.data
     spoiler = Mangler("drop", TcpFraming(), share=0.0, seed=1)
@@ -118,17 +112,11 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
         )
         node = stack.enter_context(emulated(core))
         address = stack.enter_context(behind(node, spoiler))
-        seen = Seen()
-
-        class Spoiling(Seen):
-            def frame(self, frame: Frame) -> None:
-                spoiler.share = 0.05
-                seen.frames.append(frame)
-
+        seen = Seen(partial(setattr, spoiler, "share", 0.05))
         # two replies in a row may be lost, or come late on a busy machine
         patient = with_keys(profile, daq={"deadline_s": 1.0, "watchdog_s": 2.0})
         patient = replace(PROFILE, data=patient)
-        found = look(Spoiling(), 1.5, profile=patient, address=address, plant="")
+        found = look(seen, 1.5, profile=patient, address=address, plant="")
     assert found.samples == 1500
     retries = [frame.retries for frame in seen.frames]
     assert retries == sorted(retries)

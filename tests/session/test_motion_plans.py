@@ -32,7 +32,7 @@ LOADED = MotionPlan(
 )
 
 
-def test_motion_without_loads_is_one_program_in_one_acquisition() -> None:
+def test_motion_without_loads_is_one_program_in_one_acquisition():
     asked = full_protocol(PROFILE, loads=False)
     plan = motion_plan("ripple", asked, PROFILE)
     lock, acquire = plan.steps
@@ -48,7 +48,7 @@ def test_motion_without_loads_is_one_program_in_one_acquisition() -> None:
     assert plan.to_dict()["motion"]["schema"] == "hdbench/plan/1"
 
 
-def test_a_plan_beyond_the_limits_is_refused_with_every_problem() -> None:
+def test_a_plan_beyond_the_limits_is_refused_with_every_problem():
     asked = MotionPlan("fast", (Segment("ramp", 0.1, 500.0), Segment("ramp", 0.1, 0.0)))
     with pytest.raises(UsageError) as error:
         motion_plan("ripple", asked, PROFILE)
@@ -58,10 +58,10 @@ def test_a_plan_beyond_the_limits_is_refused_with_every_problem() -> None:
     assert "acceleration 5000 rad/s^2 is above 2500" in what
 
 
-def test_loads_stand_between_acquisitions_with_lock_and_place() -> None:
-    kinds = [type(step) for step in motion_plan("ripple", LOADED, PROFILE).steps]
-    assert kinds == [Lock, Acquire, Put, Acquire, Lock, Place, Put, Acquire, Lock, Put]
+def test_loads_stand_between_acquisitions_with_lock_and_place():
     steps = motion_plan("ripple", LOADED, PROFILE).steps
+    kinds = [type(step) for step in steps]
+    assert kinds == [Lock, Acquire, Put, Acquire, Lock, Place, Put, Acquire, Lock, Put]
     assert [step.direction for step in steps if isinstance(step, Put)] == ["cw", "ccw", "cw"]
     # 9.8 N m over 0.5 m and 9.8065 m/s^2
     assert steps[2].mass_kg == pytest.approx(9.8 / (0.5 * 9.8065), rel=1e-12)
@@ -73,11 +73,10 @@ def runner_of(tmp_path: Path, bench: FakeBench, operator: FakeOperator) -> Runne
     return Runner(task, bench, operator, opened(tmp_path)[0], person=False)
 
 
-def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path: Path) -> None:
+def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path):
     bench = FakeBench()
     operator = FakeOperator(bench)
-    run = runner_of(tmp_path, bench, operator)
-    run.run()
+    runner_of(tmp_path, bench, operator).run()
     trace = survey_samples(tmp_path / "journal.hdj").trace("here")
     assert operator.asked == [
         "release", "motion", "hang", "motion", "lock", "position", "hang", "motion", "release",
@@ -94,22 +93,16 @@ def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path: Path) -> N
     assert bench.calls[-1] == "safe_state"
 
 
-def test_an_operator_who_declines_a_load_ends_the_run_safely(tmp_path: Path) -> None:
+def test_an_operator_who_declines_a_load_ends_the_run_safely(tmp_path):
     bench = FakeBench()
-    run = runner_of(tmp_path, bench, FakeOperator(bench, refuse="hang"))
     with pytest.raises(Aborted, match="not confirmed: operator: hang 2 kg cw"):
-        run.run()
+        runner_of(tmp_path, bench, FakeOperator(bench, refuse="hang")).run()
     assert bench.calls[-1] == "safe_state"
 
 
-def test_a_plan_runs_on_the_embedded_bench_as_any_other_motion(tmp_path: Path) -> None:
-    steps = (
-        Segment("rest", 0.3),
-        Segment("ramp", 0.5, 150.0),
-        Segment("hold", 3.0, 150.0),
-        Segment("ramp", 0.5, 0.0),
-    )
-    asked = MotionPlan("short", steps)
+def test_a_plan_runs_on_the_embedded_bench_as_any_other_motion(tmp_path):
+    turn = (Segment("ramp", 0.5, 150.0), Segment("hold", 3.0, 150.0), Segment("ramp", 0.5, 0.0))
+    asked = MotionPlan("short", (Segment("rest", 0.3), *turn))
     outcome = run_experiment("ripple", WHOLE, BenchOptions(tmp_path, motion=asked), quiet)
     trace = read_trace(outcome.folder.trace)
     assert len(trace) == 4300
@@ -120,7 +113,7 @@ def test_a_plan_runs_on_the_embedded_bench_as_any_other_motion(tmp_path: Path) -
     assert outcome.folder.manifest["details"]["plan"]["motion"]["name"] == "short"
 
 
-def test_a_simulated_bench_refuses_a_load_that_it_cannot_hold_in_motion(tmp_path: Path) -> None:
+def test_a_simulated_bench_refuses_a_load_that_it_cannot_hold_in_motion(tmp_path):
     asked = MotionPlan("loaded", (LoadStep("hang it", 5.0), *FREE, LoadStep("off", 0.0)))
     with pytest.raises(UsageError, match="loads only while it is locked"):
         run_experiment("ripple", WHOLE, BenchOptions(tmp_path, motion=asked), quiet)

@@ -16,7 +16,7 @@ from hdbench.session.plans import Acquire, Plan, check_plan, misalignment_plan, 
 PROFILE = load_profile("cim-tr-97-06").data
 
 
-def test_the_misalignment_plan_turns_the_output_twice_in_each_direction() -> None:
+def test_the_misalignment_plan_turns_the_output_twice_in_each_direction():
     plan = misalignment_plan(PROFILE)
     (acquire,) = [step for step in plan.steps if isinstance(step, Acquire)]
     half_s = 0.5 / acquire.wave.frequency_hz
@@ -31,60 +31,55 @@ def test_the_misalignment_plan_turns_the_output_twice_in_each_direction() -> Non
 
 
 @pytest.mark.parametrize("make", [calibration_plan, misalignment_plan, ripple_plan])
-def test_the_built_in_profile_plans_within_its_own_limits(make) -> None:
+def test_the_built_in_profile_plans_within_its_own_limits(make):
     check_plan(make(PROFILE), PROFILE)
 
 
-def test_every_step_outside_a_limit_is_named_at_once() -> None:
-    fast = Acquire(ReferenceWave(wave="constant", bias_v=9.0), 0.001, 700.0)
+def test_every_step_outside_a_limit_is_named_at_once():
     with pytest.raises(UsageError) as error:
-        check_plan(Plan("ripple", (fast,), 700.0), PROFILE)
+        check_plan(plan(ReferenceWave(wave="constant", bias_v=9.0), 700.0), PROFILE)
     what = [problem.what for problem in error.value.problems]
     assert any("reference 9 V is above 8 V" in text for text in what)
     assert any("motor speed" in text for text in what)
     assert any("duration 700 s is above 600 s" in text for text in what)
 
 
-def test_a_limit_check_does_not_let_nan_through() -> None:
+def test_a_limit_check_does_not_let_nan_through():
     step = replace(calibration_points(PROFILE)[3], torque_nm=math.nan)
     with pytest.raises(UsageError):
         check_plan(Plan("calibration", (step,), 1.0), PROFILE)
 
 
-def test_a_load_beyond_the_converter_s_range_is_refused_before_anything_is_hung() -> None:
+def test_a_load_beyond_the_converter_s_range_is_refused_before_anything_is_hung():
     with pytest.raises(UsageError, match=r"would read 13\.08 V; the range ends at 10 V"):
         check_plan(calibration_plan(PROFILE), with_keys(PROFILE, sensor={"gain_nm_per_v": 3.0}))
 
 
 def plan(wave, duration_s=4.0, period_s=1e-3):
-    step = Acquire(wave=wave, sample_period_s=period_s, duration_s=duration_s)
-    return Plan("ripple", (step,), duration_s)
+    return Plan("ripple", (Acquire(wave, period_s, duration_s),), duration_s)
 
 
-def sine(amplitude_v, frequency_hz):
-    changes = {"wave": "sine", "bias_v": 0.0, "amplitude_v": amplitude_v}
-    return PROFILE.ripple.reference.model_copy(update={**changes, "frequency_hz": frequency_hz})
-
-
-def limited(travel_rad):
-    return with_keys(PROFILE, limits={"travel_rad": travel_rad})
+def sine(frequency_hz):
+    """Return a sine of 1 V."""
+    told = {"wave": "sine", "bias_v": 0.0, "amplitude_v": 1.0, "frequency_hz": frequency_hz}
+    return PROFILE.ripple.reference.model_copy(update=told)
 
 
 def test_a_motion_beyond_the_limit_of_travel_is_refused_from_the_profile_alone():
     # a sine of speed v at f goes v/(pi f) from where it began: 1 V, 56.25 rad/s/V, 0.5 Hz
     far_rad = PROFILE.servo.velocity_gain_rad_s_per_v / (math.pi * 0.5)
-    check_plan(plan(sine(1.0, 0.5)), limited(1.01 * far_rad))
+    wide, narrow = (with_keys(PROFILE, limits={"travel_rad": k * far_rad}) for k in (1.01, 0.99))
+    check_plan(plan(sine(0.5)), wide)
     with pytest.raises(UsageError, match="travel") as told:
-        check_plan(plan(sine(1.0, 0.5)), limited(0.99 * far_rad))
+        check_plan(plan(sine(0.5)), narrow)
     assert "travel_rad" in told.value.fix
 
 
 @pytest.mark.parametrize("name", ["seneca-z-sg", "laumas-tlb4"])
 def test_a_motion_is_refused_where_no_device_of_the_profile_has_an_output(name):
     data = load_profile(name).data
-    slow = plan(sine(1.0, 0.01), 100.0, data.daq.sample_period_s)
     with pytest.raises(UsageError, match="no output") as told:
-        check_plan(slow, data)
+        check_plan(plan(sine(0.01), 100.0, data.daq.sample_period_s), data)
     assert "daq.output" in told.value.where
     # nothing moves with the drive disabled
     check_plan(plan(None, 100.0, data.daq.sample_period_s), data)

@@ -2,17 +2,18 @@
 
 import os
 import signal
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 from calibrationkit import Scripted
-from fakes import quiet
+from fakes import check_filtered, quiet
 
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import BusyError, DataError, HdbenchError, Stopped, UsageError
-from hdbench.filter import FilterModel, filter_trace
 from hdbench.profile import Profile, parse_profile
 from hdbench.records import RunFolder, read_loads, read_trace
 from hdbench.records.recovery import verify_run
@@ -41,19 +42,21 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-class QuitsOnce(Scripted):
-    """Saves and quits at the question with a pattern in it."""
+def stops_at(look: int, word: str = "") -> Callable[[str, float], None]:
+    """Return a progress that presses Ctrl-C at this look at a step with `word` in its name."""
+    looks = count(1)
 
-    def __init__(self, pattern: str) -> None:
-        super().__init__([(pattern, Answer.QUIT)])
+    def told(what: str, _share: float) -> None:
+        if word in what and next(looks) == look:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return told
 
 
-def test_a_calibration_goes_on_with_the_same_bench_and_the_same_clampings(
-    bench: Profile, plant: str, tmp_path: Path
-) -> None:
+def test_a_calibration_goes_on_with_the_same_bench_and_the_same_clampings(bench, plant, tmp_path):
     options = BenchOptions(out=tmp_path / "a", plant=plant, seed=3)
     whole = run_experiment("calibration", bench, options, quiet)
-    talk = QuitsOnce("p1-ccw-full 3 of 5")
+    talk = Scripted([("p1-ccw-full 3 of 5", Answer.QUIT)])
     broken = BenchOptions(out=tmp_path / "b", plant=plant, seed=3, talk=talk, rehearse=True)
     with pytest.raises(Stopped) as stopped:
         run_experiment("calibration", bench, broken, quiet)
@@ -80,37 +83,18 @@ def test_a_calibration_goes_on_with_the_same_bench_and_the_same_clampings(
     assert np.ptp(gains) > 0.05  # the clampings of this plant do differ
 
 
-def test_motion_that_was_broken_off_is_taken_again_and_its_samples_are_kept(
-    bench: Profile, tmp_path: Path
-) -> None:
-    looks = []
-
-    def stop_soon(_what: str, _share: float) -> None:
-        looks.append(1)
-        if len(looks) == 40:
-            os.kill(os.getpid(), signal.SIGINT)
-
+def test_motion_that_was_broken_off_is_taken_again_and_its_samples_are_kept(bench, tmp_path):
     with pytest.raises(Stopped):
-        run_experiment("ripple", bench, BenchOptions(out=tmp_path, seed=4), stop_soon)
+        run_experiment("ripple", bench, BenchOptions(out=tmp_path, seed=4), stops_at(40))
     (path,) = tmp_path.iterdir()
     first = verify_run(path).samples_in_journal
     assert 0 < first < 4000
     outcome = resume_run(path, AS_BEFORE, quiet)
     trace = read_trace(outcome.folder.trace)
     assert len(trace) == 4000
-    broken_off = read_trace(path / "trace-broken-off-1.csv")
-    assert len(broken_off) == first
-    stored = FilterModel.from_dict(outcome.folder.manifest["filter"], source="run.json")
-    again = filter_trace(trace, stored, bench.data)
-    np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
+    assert len(read_trace(path / "trace-broken-off-1.csv")) == first
+    check_filtered(trace, outcome.folder.manifest["filter"])
     assert verify_run(path).ok
-
-
-def finished(out: Path, bench: Profile, status: str) -> Path:
-    folder = RunFolder.create(out, kind="calibration", profile=bench, details={})
-    if status != "running":
-        folder.finish(status, "for a test", [])
-    return folder.path
 
 
 @pytest.mark.parametrize(
@@ -118,20 +102,19 @@ def finished(out: Path, bench: Profile, status: str) -> Path:
     [("complete", UsageError), ("aborted", UsageError), ("running", BusyError),
      ("incomplete", DataError)],
 )  # fmt: skip
-def test_what_cannot_be_resumed_is_refused_and_left_as_it_is(
-    bench: Profile, tmp_path: Path, status: str, kind: type
-) -> None:
-    path = finished(tmp_path, bench, status)
-    before = (path / "run.json").read_bytes()
+def test_what_cannot_be_resumed_is_refused_and_left_as_it_is(bench, tmp_path, status, kind):
+    folder = RunFolder.create(tmp_path, kind="calibration", profile=bench, details={})
+    if status != "running":
+        folder.finish(status, "for a test", [])
+    before = (folder.path / "run.json").read_bytes()
     with pytest.raises(kind):
-        resume_run(path, AS_BEFORE, quiet)
-    assert (path / "run.json").read_bytes() == before
+        resume_run(folder.path, AS_BEFORE, quiet)
+    assert (folder.path / "run.json").read_bytes() == before
 
 
-def test_a_run_does_not_go_on_on_another_bench(bench: Profile, tmp_path: Path) -> None:
+def test_a_run_does_not_go_on_on_another_bench(bench, tmp_path):
     folder = RunFolder.create(tmp_path, kind="ripple", profile=bench, details={})
-    other = {"vendor": "hdbench", "model": "emulated node", "serial": "sim-77"}
-    folder.update(device=other)
+    folder.update(device={"vendor": "hdbench", "model": "emulated node", "serial": "sim-77"})
     folder.finish("incomplete", "for a test", [])
     with pytest.raises(UsageError, match="the run began on hdbench emulated node sim-77"):
         resume_run(folder.path, AS_BEFORE, quiet)
@@ -139,8 +122,8 @@ def test_a_run_does_not_go_on_on_another_bench(bench: Profile, tmp_path: Path) -
 
 
 def test_of_a_plan_with_loads_only_the_acquisition_that_was_broken_off_is_taken_again(
-    bench: Profile, tmp_path: Path
-) -> None:
+    bench, tmp_path
+):
     motion = MotionPlan(
         "two stages",
         (
@@ -152,15 +135,9 @@ def test_of_a_plan_with_loads_only_the_acquisition_that_was_broken_off_is_taken_
             Segment("rest", 1.0),
         ),
     )
-    looks = []
-
-    def stop_late(what: str, _share: float) -> None:
-        looks.append("no reference" in what)
-        if sum(looks) == 15:
-            os.kill(os.getpid(), signal.SIGINT)
-
+    options = BenchOptions(tmp_path, motion=motion, seed=2)
     with pytest.raises(Stopped):
-        run_experiment("ripple", bench, BenchOptions(tmp_path, motion=motion, seed=2), stop_late)
+        run_experiment("ripple", bench, options, stops_at(15, "no reference"))
     (path,) = tmp_path.iterdir()
     first = read_trace(path / "trace.csv")
     assert 1000 < len(first) < 2000
@@ -169,7 +146,5 @@ def test_of_a_plan_with_loads_only_the_acquisition_that_was_broken_off_is_taken_
     assert [int(np.sum(trace["stage"] == stage)) for stage in (0, 1)] == [1000, 1000]
     np.testing.assert_array_equal(trace["torque_v"][:1000], first["torque_v"][:1000])
     assert np.all(np.diff(trace["time_s"]) > 0.0)
-    model = FilterModel.from_dict(RunFolder.open(path).manifest["filter"], source="run.json")
-    again = filter_trace(trace, model, bench.data)
-    np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
+    check_filtered(trace, RunFolder.open(path).manifest["filter"])
     assert len(read_trace(path / "trace-broken-off-1.csv")) == len(first) - 1000

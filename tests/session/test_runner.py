@@ -25,7 +25,7 @@ def runner(tmp_path: Path, bench: FakeBench, *, operator=None, stop=None) -> Run
     return Runner(task, bench, operator or FakeOperator(bench), journal, person=False)
 
 
-def test_a_motion_run_ends_with_the_safe_state_and_every_sample(tmp_path: Path) -> None:
+def test_a_motion_run_ends_with_the_safe_state_and_every_sample(tmp_path):
     bench = FakeBench()
     run = runner(tmp_path, bench)
     run.run()
@@ -38,23 +38,33 @@ def test_a_motion_run_ends_with_the_safe_state_and_every_sample(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("call", "after"),
-    [("configure", 0), ("start", 0), ("read_block", 0), ("read_block", 4), ("stop", 0)],
+    ("call", "after", "blocks"),
+    [
+        ("configure", 0, 0),
+        ("start", 0, 0),
+        ("read_block", 0, 0),
+        ("read_block", 6, 6),
+        ("stop", 0, 10),
+    ],
 )
-def test_whichever_call_fails_the_bench_is_made_safe(tmp_path: Path, call: str, after: int) -> None:
+def test_whichever_call_fails_the_bench_is_made_safe_and_the_journal_can_be_read_back(
+    tmp_path, call, after, blocks
+):
     bench = FakeBench(fail_at=call, after=after)
     run = runner(tmp_path, bench)
     with pytest.raises(DeviceError, match=f"{call} failed"):
         run.run()
     assert bench.calls[-1] == "safe_state"
     assert not bench.moving
+    run.recorder.journal.close()
+    content = read_journal(tmp_path / "journal.hdj")
+    assert sum(block.kind == "samples" for block in content.blocks) == blocks
+    assert content.torn_bytes == 0
 
 
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("phase", ["configure", "start", "read_block", "stop"])
-def test_a_signal_in_any_call_ends_the_run_safely(
-    tmp_path: Path, signum: signal.Signals, phase: str
-) -> None:
+def test_a_signal_in_any_call_ends_the_run_safely(tmp_path, signum, phase):
     stop = StopSignals()
 
     def ask(_bench: FakeBench, name: str) -> None:
@@ -76,19 +86,7 @@ def test_a_signal_in_any_call_ends_the_run_safely(
     assert not bench.moving
 
 
-def test_what_was_journaled_before_a_failure_can_be_read_back(tmp_path: Path) -> None:
-    bench = FakeBench(fail_at="read_block", after=6)
-    run = runner(tmp_path, bench)
-    with pytest.raises(DeviceError):
-        run.run()
-    run.recorder.journal.close()
-    content = read_journal(tmp_path / "journal.hdj")
-    samples = [block for block in content.blocks if block.kind == "samples"]
-    assert len(samples) == 6
-    assert content.torn_bytes == 0
-
-
-def test_lost_samples_become_marked_rows_and_are_counted(tmp_path: Path) -> None:
+def test_lost_samples_become_marked_rows_and_are_counted(tmp_path):
     bench = FakeBench()
     bench.lose_at = 60
     run = runner(tmp_path, bench)
@@ -100,28 +98,24 @@ def test_lost_samples_become_marked_rows_and_are_counted(tmp_path: Path) -> None
     assert np.all(np.isfinite(trace["time_s"]))
 
 
-def test_speed_beyond_the_limit_aborts_and_names_the_sample(tmp_path: Path) -> None:
+def test_speed_beyond_the_limit_aborts_and_names_the_sample(tmp_path):
     bench = FakeBench()
     bench.velocity_v = 8.0  # 450 rad/s, limit 400
-    run = runner(tmp_path, bench)
     with pytest.raises(Aborted, match=r"motor speed \+450.* crossed the limit 400") as error:
-        run.run()
+        runner(tmp_path, bench).run()
     assert error.value.where == "sample 0"
     assert bench.calls[-1] == "safe_state"
 
 
 @pytest.mark.parametrize("refused", ["release", "motion"])
-def test_an_operator_who_declines_ends_the_run_before_anything_moves(
-    tmp_path: Path, refused: str
-) -> None:
+def test_an_operator_who_declines_ends_the_run_before_anything_moves(tmp_path, refused):
     bench = FakeBench()
-    run = runner(tmp_path, bench, operator=FakeOperator(bench, refuse=refused))
     with pytest.raises(Aborted, match="not confirmed"):
-        run.run()
+        runner(tmp_path, bench, operator=FakeOperator(bench, refuse=refused)).run()
     assert bench.calls == ["safe_state"]
 
 
-def test_an_acquisition_that_is_done_is_not_taken_again(tmp_path: Path) -> None:
+def test_an_acquisition_that_is_done_is_not_taken_again(tmp_path):
     first = runner(tmp_path, FakeBench())
     first.run()
     first.recorder.journal.close()

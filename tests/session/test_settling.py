@@ -45,7 +45,7 @@ def pendulum_v(seconds: float, *, angle_rad: float, length_m: float, level_v: fl
     return level_v * np.array(forces)[:: round(PERIOD_S / step)]
 
 
-def test_white_noise_around_a_constant_settles_in_two_windows() -> None:
+def test_white_noise_around_a_constant_settles_in_two_windows():
     rng = np.random.default_rng(1)
     # 3 sigma on the mean and a factor 1.5 on the spread: a false refusal is below 1 % per window
     accepted = sum(
@@ -55,13 +55,13 @@ def test_white_noise_around_a_constant_settles_in_two_windows() -> None:
     assert accepted >= 190
 
 
-def test_creep_faster_than_the_band_does_not_settle() -> None:
+def test_creep_faster_than_the_band_does_not_settle():
     rng = np.random.default_rng(3)
     samples = 2.0 + 0.02 * np.arange(200) * PERIOD_S + 0.0005 * rng.standard_normal(200)
     assert judge(samples, RULE).reading is None
 
 
-def test_too_few_samples_are_no_reading_and_the_bar_says_how_far_it_is() -> None:
+def test_too_few_samples_are_no_reading_and_the_bar_says_how_far_it_is():
     assert judge(np.ones(199), RULE).reading is None
     shares = [judge(np.ones(n), RULE).share for n in (30, 80, 140, 200)]
     assert shares == sorted(shares)
@@ -69,7 +69,7 @@ def test_too_few_samples_are_no_reading_and_the_bar_says_how_far_it_is() -> None
     assert 0.0 < shares[1] < 1.0
 
 
-def test_nothing_is_averaged_before_the_earliest_moment() -> None:
+def test_nothing_is_averaged_before_the_earliest_moment():
     rule = SettleRule(PERIOD_S, 100, BAND_V, 500, 3000)
     reading, n = first_reading(np.full(3000, 1.0), rule)
     assert reading is not None
@@ -78,11 +78,10 @@ def test_nothing_is_averaged_before_the_earliest_moment() -> None:
 
 @pytest.mark.parametrize("length_m", [0.1, 0.3, 1.0])
 @pytest.mark.parametrize("angle_rad", [0.1, 0.2, 0.35])
-def test_a_swinging_weight_reads_as_the_weight_itself(length_m: float, angle_rad: float) -> None:
+def test_a_swinging_weight_reads_as_the_weight_itself(length_m, angle_rad):
     rng = np.random.default_rng(5)
     samples = pendulum_v(30.0, angle_rad=angle_rad, length_m=length_m)
-    samples = samples + NOISE_V * rng.standard_normal(len(samples))
-    reading, n = first_reading(samples)
+    reading, n = first_reading(samples + NOISE_V * rng.standard_normal(len(samples)))
     assert reading is not None
     assert n < len(samples)
     # a weight whose swing is within the band's size may be read as it is; a swing of the force by
@@ -95,11 +94,11 @@ def test_a_swinging_weight_reads_as_the_weight_itself(length_m: float, angle_rad
 
 
 @pytest.mark.parametrize("angle_rad", [0.1, 0.15, 0.2, 0.25])
-def test_a_swing_that_hides_in_the_noise_does_not_move_the_reading(angle_rad: float) -> None:
+def test_a_swing_that_hides_in_the_noise_does_not_move_the_reading(angle_rad):
     errors = []
+    samples = pendulum_v(30.0, angle_rad=angle_rad, length_m=0.3, level_v=0.37)
     for seed in range(6):
         rng = np.random.default_rng([17, seed])
-        samples = pendulum_v(30.0, angle_rad=angle_rad, length_m=0.3, level_v=0.37)
         noisy = samples + NOISE_V * rng.standard_normal(len(samples))
         reading, _ = first_reading(noisy[int(rng.integers(0, 60)) :])
         assert reading is not None
@@ -110,16 +109,14 @@ def test_a_swing_that_hides_in_the_noise_does_not_move_the_reading(angle_rad: fl
     assert max(map(abs, errors)) < BAND_V / 3 + 4 * 0.76e-3
 
 
-def test_white_noise_is_no_swing() -> None:
+def test_white_noise_is_no_swing():
     rng = np.random.default_rng(7)
     # chance 1e-4 per look: 300 looks show more than 2 with probability 4e-6
-    found = sum(
-        find_swing(NOISE_V * rng.standard_normal(400), PERIOD_S) is not None for _ in range(300)
-    )
-    assert found <= 2
+    looks = [find_swing(NOISE_V * rng.standard_normal(400), PERIOD_S) for _ in range(300)]
+    assert sum(look is not None for look in looks) <= 2
 
 
-def test_the_mean_over_whole_periods_of_a_sine_is_its_centre_at_any_phase_and_length() -> None:
+def test_the_mean_over_whole_periods_of_a_sine_is_its_centre_at_any_phase_and_length():
     rng = np.random.default_rng(9)
     for _ in range(50):
         n_period, phase = rng.uniform(20.0, 120.0), rng.uniform(0.0, 2 * math.pi)
@@ -129,7 +126,7 @@ def test_the_mean_over_whole_periods_of_a_sine_is_its_centre_at_any_phase_and_le
         assert whole_period_mean(samples, 6 * n_period) == pytest.approx(1.0, abs=allowed)
 
 
-def test_a_mean_over_a_part_of_a_sample_is_the_area_under_the_straight_lines() -> None:
+def test_a_mean_over_a_part_of_a_sample_is_the_area_under_the_straight_lines():
     samples = np.array([0.0, 1.0, 3.0, 4.0])
     # from 0.5 before the second-last knot: lines 1..3 and 3..4, area by hand
     assert whole_period_mean(samples, 1.0) == pytest.approx(3.5)
@@ -137,7 +134,7 @@ def test_a_mean_over_a_part_of_a_sample_is_the_area_under_the_straight_lines() -
     assert whole_period_mean(samples, 2.0) == pytest.approx((3.5 + 2.0) / 2.0)
 
 
-def test_what_does_not_settle_is_averaged_as_it_is_and_marked() -> None:
+def test_what_does_not_settle_is_averaged_as_it_is_and_marked():
     rng = np.random.default_rng(11)
     samples = np.cumsum(0.01 * rng.standard_normal(3000))
     reading = average_now(samples, RULE)
@@ -145,7 +142,7 @@ def test_what_does_not_settle_is_averaged_as_it_is_and_marked() -> None:
     assert math.isfinite(reading.mean_v)
 
 
-def test_the_reading_tells_slope_and_correlation_of_its_samples() -> None:
+def test_the_reading_tells_slope_and_correlation_of_its_samples():
     rng = np.random.default_rng(13)
     slow = np.convolve(rng.standard_normal(4000), [1.0, 0.9], mode="valid")[:400]
     reading = average_now(1.0 + 1e-3 * slow, SettleRule(PERIOD_S, 400, 1.0, 0, 3000))

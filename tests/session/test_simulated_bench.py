@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from changing import with_keys
-from fakes import quiet
+from fakes import FakeOperator, quiet
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening
 from hdbench.devices.emulator.process import running_emulator
@@ -25,32 +25,16 @@ WAVE = ReferenceWave(
 NAMES = ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000", "seneca-z-sg"]
 
 
-class Person:
-    """Answers, and counts what it is asked."""
-
-    def __init__(self, *, go: bool) -> None:
-        self.go = go
-        self.asked: list[str] = []
-
-    def confirm_lock(self, *, locked: bool) -> bool:
-        self.asked.append(f"locked {locked}")
-        return True
-
-    def confirm_motion(self, description: str) -> bool:
-        self.asked.append("motion")
-        return self.go
+def emulator(name: str = NAMES[0], record: Path | None = None):
+    data = load_profile(name).data
+    return running_emulator(data, plant="as-modelled", seed=0, pace="fast", record=record)
 
 
 def quick(name: str, found):
     profile = load_profile(name)
     data = opening._at(profile.data, found)
-    calibration = {
-        "positions": 1,
-        "directions": ("cw",),
-        "ranges": ("full",),
-        "full_masses_kg": (0.0, 8.0),
-        "average_s": 0.5,
-    }
+    calibration = {"positions": 1, "directions": ("cw",), "average_s": 0.5}
+    calibration |= {"ranges": ("full",), "full_masses_kg": (0.0, 8.0)}
     ripple = {"duration_s": 4.0, "reference": WAVE}
     return replace(profile, data=with_keys(data, calibration=calibration, ripple=ripple))
 
@@ -62,12 +46,12 @@ def moved(record: Path) -> bool:
 
 @pytest.mark.parametrize("kind", ["ripple", "calibration"])
 def test_a_device_that_calls_itself_simulated_is_taken_for_a_real_one(kind, tmp_path):
-    data = load_profile("cim-tr-97-06").data
     record = tmp_path / "motor.jsonl"
-    with running_emulator(data, plant="as-modelled", seed=0, pace="fast", record=record) as found:
+    with emulator(record=record) as found:
+        profile = quick(NAMES[0], found)
         with pytest.raises(UsageError, match="taken for a real bench") as caught:
-            run_experiment(kind, quick("cim-tr-97-06", found), BenchOptions(tmp_path), quiet)
-        with open_bench(opening._at(data, found)) as bench:
+            run_experiment(kind, profile, BenchOptions(tmp_path), quiet)
+        with open_bench(profile) as bench:
             assert bench.identity().simulated, "it says so"
             assert bench.simulation is None
     assert "--yes" in caught.value.fix
@@ -76,19 +60,18 @@ def test_a_device_that_calls_itself_simulated_is_taken_for_a_real_one(kind, tmp_
 
 
 def test_the_motion_of_a_bench_with_a_control_channel_is_asked_for(tmp_path):
-    data = load_profile("cim-tr-97-06").data
     record = tmp_path / "motor.jsonl"
-    with running_emulator(data, plant="as-modelled", seed=0, pace="fast", record=record) as found:
-        profile = quick("cim-tr-97-06", found)
+    with emulator(record=record) as found:
+        profile = quick(NAMES[0], found)
         options = BenchOptions(tmp_path, control=str(found["control"]))
         with pytest.raises(UsageError, match="taken for a real bench"):
             run_experiment("ripple", profile, options, quiet)
-        no = Person(go=False)
+        no = FakeOperator(None, refuse="motion")
         with pytest.raises(Aborted, match="not confirmed"):
             run_experiment("ripple", profile, replace(options, operator=no), quiet)
         assert no.asked == ["motion"], "the lock is the simulated operator's"
         assert not moved(record)
-        yes = Person(go=True)
+        yes = FakeOperator(None)
         assert run_experiment("ripple", profile, replace(options, operator=yes), quiet).folder
         assert yes.asked == ["motion"]
     assert moved(record)
@@ -96,11 +79,9 @@ def test_the_motion_of_a_bench_with_a_control_channel_is_asked_for(tmp_path):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_simulated_operator_calibrates_every_emulator_by_its_channel(name, tmp_path):
-    data = load_profile(name).data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
-        options = BenchOptions(
-            tmp_path, control=str(found["control"]), talk=Unattended(lambda _: None)
-        )
+    with emulator(name) as found:
+        talk = Unattended(lambda _: None)
+        options = BenchOptions(tmp_path, control=str(found["control"]), talk=talk)
         result = run_experiment("calibration", quick(name, found), options, quiet)
     gain = result.result.to_json()["gain_nm_per_v"]["value"]
     # the plant as modelled has the profile's gain, each clamping its own by some per mille
@@ -155,10 +136,7 @@ def test_the_channel_survives_what_is_no_order_and_what_is_no_channel_is_told():
             link.recv(100)
             link.sendall(reply)
 
-    with (
-        running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found,
-        socket.create_server(("127.0.0.1", 0)) as server,
-    ):
+    with emulator() as found, socket.create_server(("127.0.0.1", 0)) as server:
         address, control = str(found["address"]), str(found["control"])
         host, _, port = control.removeprefix("tcp://").rpartition(":")
         assert host == "127.0.0.1"

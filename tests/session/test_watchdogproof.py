@@ -14,7 +14,7 @@ PROFILE = load_profile("cim-tr-97-06")
 SAFE = SafeState(True, 0.0, 0.0, "safe")
 
 
-def test_a_node_whose_watchdog_works_is_proven() -> None:
+def test_a_node_whose_watchdog_works_is_proven():
     with running_emulator(PROFILE.data, plant="as-modelled", seed=0, pace="realtime") as found:
         proof = prove_watchdog(PROFILE, StopSignals(), address=found["address"])
     assert proof.proven, proof.detail
@@ -34,13 +34,13 @@ def test_a_node_whose_watchdog_works_is_proven() -> None:
         (8.0, (False, None, "no reply"), "does not answer: no reply"),
     ],
 )
-def test_anything_less_is_no_proof(creep, found, word) -> None:
+def test_anything_less_is_no_proof(creep, found, word):
     proof = _judged(creep, 0.5, found, SAFE)
     assert not proof.proven
     assert word in proof.detail
 
 
-def test_a_bench_that_is_not_safe_afterwards_is_not_proven() -> None:
+def test_a_bench_that_is_not_safe_afterwards_is_not_proven():
     unsafe = SafeState(False, None, None, "no answer")
     assert _judged(8.0, 0.5, (True, 0.0, ""), SAFE).proven
     assert not _judged(8.0, 0.5, (True, 0.0, ""), unsafe).proven
