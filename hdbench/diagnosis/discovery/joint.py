@@ -35,8 +35,8 @@ from hdbench.records.trace import FloatArray
 
 # steps over all shapes, shorter ones where a whole one gains nothing, and the gain that ends them
 _STEPS, _LENGTHS, _STEP_NATS = 6, (1.0, 0.3), 0.1
-# ratios by which a shape is moved where its form errors are made anew
-_RATIOS = (2.5, 0.4, 1.25, 0.8)
+# ratios by which a shape is moved where its form errors are made anew, up and down
+_COARSE, _FINE = (2.5, 0.4), (1.25, 0.8)
 # rounds, at most, in which what acts on the whole signal follows it
 _RENEWED = 12
 # way of the motor over which a slope is formed where the angle has no error
@@ -154,9 +154,9 @@ def _formed_shapes(fit: Fit, parts: Sequence[int], wide: bool) -> Fit:
             continue
         for name in smooth_shapes(fit.term(part)):
             if wide:
-                steps = (_along_shape(fit, part, name, ratio) for ratio in _RATIOS[:2])
-                fit = max(chain((fit,), *steps), key=value_of)
-            for ratio in _RATIOS:
+                whole = (_along_shape(fit, part, name, ratio) for ratio in _COARSE)
+                fit = max(chain((fit,), *whole), key=value_of)
+            for ratio in (*_COARSE, *_FINE):
                 for new in _along_shape(fit, part, name, ratio):
                     if value_of(new) < value_of(fit) + _STEP_NATS:
                         break

@@ -21,7 +21,7 @@ from hdbench.diagnosis.discovery.refine import (
 )
 from hdbench.diagnosis.discovery.search import Search, needed_nats, settled
 from hdbench.diagnosis.discovery.tables import is_table
-from hdbench.diagnosis.discovery.term import is_line, is_whole_share, same_torque
+from hdbench.diagnosis.discovery.term import is_line, is_other_torque, is_whole_share, same_torque
 from hdbench.diagnosis.evidence import RIVAL_NATS, SAME_SPACE
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
@@ -204,7 +204,7 @@ def _looks(search: Search, beside: Beside, part: int) -> list[Look]:
     others = [cause for cause in others if not is_line(cause)]
 
     def is_new(cause: Cause) -> bool:
-        return cause.name != term.name and not any(same_torque(cause, held) for held in others)
+        return cause.name != term.name and is_other_torque(cause, others)
 
     chosen: dict[str, Look] = {}
     for look in search.names.looks(beside):

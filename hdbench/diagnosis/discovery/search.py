@@ -56,6 +56,7 @@ from hdbench.diagnosis.discovery.term import (
     Term,
     follows_motion,
     is_line,
+    is_other_torque,
     same_torque,
 )
 from hdbench.diagnosis.evidence import RIVAL_NATS, SPANS, chi2_tail
@@ -139,24 +140,19 @@ class Search:
         flat = self.fit.flat_view()
         return [self.fit] if flat is None else [self.fit, flat]
 
-    def is_new(self, *causes: Cause) -> bool:
-        """Return whether some causes are forms of no torque that the fit has, nor of each other."""
-        held = [part.term.cause for part in self.fit.parts if part.term is not None]
-        return not any(
-            same_torque(cause, other)
-            for place, cause in enumerate(causes)
-            for other in (*held, *causes[:place])
-        )
-
     def looks(self, beside: Beside) -> list[Look]:
         """Return the names that explain most of a residual and are worth weighing."""
-        found: dict[str, Look] = {}
+        held, found = self._present(), dict[str, Look]()
         for look in self.names.looks(beside):
-            if look.term.name not in found and self.is_new(look.term.cause):
+            if look.term.name not in found and is_other_torque(look.term.cause, held):
                 found[look.term.name] = look
                 if len(found) == _NAMES:
                     break
         return list(found.values())
+
+    def _present(self) -> list[Cause]:
+        """Return the causes of the fit, known ones among them."""
+        return [part.term.cause for part in self.fit.parts if part.term is not None]
 
     def _places(self) -> list[tuple[str, Look]]:
         """Return lines and the best step."""
@@ -298,10 +294,12 @@ class Search:
         self, view: Beside, beside: Beside, base: float, looks: list[Look]
     ) -> list[tuple[Candidate, ...]]:
         """Return the most promising pairs of names in a view, weighed together beside the fit."""
+        held = self._present()
         likely = [
             (one, other)
             for one, other in self.names.pairs(view, looks)
-            if self.is_new(one.term.cause, other.term.cause)
+            if is_other_torque(one.term.cause, held)
+            and is_other_torque(other.term.cause, (*held, one.term.cause))
         ]
         both_weighed = (pair_of(beside, self.fit, pair, base) for pair in likely[: 2 * _PAIRS])
         return [both for both in both_weighed if both[0].gain_nats > _PLAIN_NATS][:_PAIRS]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,6 +89,11 @@ def follows_motion(cause: Cause) -> bool:
 def same_torque(one: Cause, other: Cause) -> bool:
     """Return whether two causes have one name, or are two forms of one torque."""
     return (one.form_of or one.name) == (other.form_of or other.name)
+
+
+def is_other_torque(cause: Cause, held: Iterable[Cause]) -> bool:
+    """Return whether a cause is no form of the torque of any of some others."""
+    return not any(same_torque(cause, other) for other in held)
 
 
 def is_whole_share(cause: Cause) -> bool:
