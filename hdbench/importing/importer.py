@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +24,12 @@ from hdbench.importing.layout import EPOCH_1904_S
 from hdbench.importing.recipe import Entry, Recipe, known_columns
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
-from hdbench.importing.trace import Part, joined_trace
+from hdbench.importing.trace import Part, write_joined
 from hdbench.records.csvtext import csv_text
 from hdbench.records.loads import LOADS_COLUMNS, ArmLike, read_loads
 from hdbench.records.provenance import write_provenance
 from hdbench.records.storage import publish, staged_path, write_atomic
-from hdbench.records.trace import FloatArray
-from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.records.tracefile import read_trace
 
 # a device has at most some 100 channels with a line each; a person reads no more than these
 _SHOWN_LINES, _SHOWN_CHARACTERS = 20, 120
@@ -102,10 +100,10 @@ def _conversions(
             given=given,
         )
 
-    result = {
-        target: turned(target, find_source(source, text, _option(target)), text)
-        for target, text in found.items()
-    }
+    result = {}
+    for target, text in found.items():
+        option = "--time" if target == "time_s" else "--map"
+        result[target] = turned(target, find_source(source, text, option), text)
     notes = [f"{source.path}: {line[:_SHOWN_CHARACTERS]}" for line in source.notes[:_SHOWN_LINES]]
     if recipe.kind == "trace" and recipe.rate_hz is None:
         named = result.get("time_s")
@@ -124,10 +122,6 @@ def _conversions(
         if logged and target.startswith("time_s"):
             notes += _since_1904(source, done.column.channel.name)
     return result, notes
-
-
-def _option(target: str) -> str:
-    return "--time" if target == "time_s" else "--map"
 
 
 def _since_1904(source: Source, time: str) -> list[str]:
@@ -182,13 +176,7 @@ def import_files(
             if recipe.kind == "loads":
                 report = _loads(parts, staged, out, notes, arm)
             else:
-                joined = joined_trace(parts, recipe)
-                notes += joined.notes
-                write_trace(staged, joined.trace)
-                # what is read back takes as much memory
-                origin, done = joined.origin, joined.done
-                del joined
-                report = _trace(staged, out, notes, origin, done)
+                report = _trace(parts, recipe, staged, out, notes)
             described = {
                 "columns": report.done,
                 "notes": list(report.notes),
@@ -215,9 +203,10 @@ def _loads(
 
 
 def _trace(
-    staged: Path, out: Path, notes: list[str], origin: Decimal | None, done: dict[str, list[str]]
+    parts: Sequence[Part], recipe: Recipe, staged: Path, out: Path, notes: list[str]
 ) -> ImportReport:
-    """Read a trace back."""
+    origin, done, told = write_joined(staged, parts, recipe)
+    notes += told
     back = read_trace(staged, require=("torque",))
     lost = sum(int(np.isnan(column).sum()) for column in back.columns.values())
     if not {"motor_velocity_rad_s", "tacho_v"} & set(back.columns):
@@ -241,19 +230,15 @@ def _cells(part: Part, name: str) -> list[str]:
             cells += [str(cell).strip() for cell in raw.tolist()]
         else:
             values = conversion.piece(raw, len(cells))
-            _check_column(part, name, values, len(cells))
+            missing = np.flatnonzero(np.isnan(values))
+            if len(missing) and name in (*_NEEDED, "torque_nm"):
+                raise DataError(
+                    f"no number for {name}; needed: one in every row",
+                    where=part.source.place(len(cells) + int(missing[0])),
+                    fix="fill the cell, or take the row out",
+                )
             cells += [_number(name, value) for value in values.tolist()]
     return cells
-
-
-def _check_column(part: Part, name: str, values: FloatArray, row: int) -> None:
-    missing = np.flatnonzero(np.isnan(values))
-    if len(missing) and name in (*_NEEDED, "torque_nm"):
-        raise DataError(
-            f"no number for {name}; needed: one in every row",
-            where=part.source.place(row + int(missing[0])),
-            fix="fill the cell, or take the row out",
-        )
 
 
 def _number(name: str, value: float) -> str:

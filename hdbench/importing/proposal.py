@@ -109,33 +109,31 @@ def _rank(facts: ChannelFacts, target: str) -> tuple[int, str]:
     tokens = _tokens(channel.name)
     heads = [head for head in _KINDS["heads"] for token in tokens if token.endswith(head)]
     word = next((w for w in _WORDS[target] if w in tokens or w in heads), None)
-    scale = unit_scale(channel.unit, target_unit(target)) if channel.unit else None
-    if (scale is not None and scale.is_nan()) or _says(tokens, _KINDS["no_quantity"]):
-        return 0, ""
-    # only a unit tells volts, and only a known one is asked for no factor
-    if target == "torque_v" and (scale is None or word is None):
-        return 0, ""
-    if target == "temperature_c" and channel.unit and scale is None:
-        return 0, ""
-    score = 2 * (word is not None) + (scale is not None)
-    if not score:
-        return 0, ""
-    why = [f"named {word!r}"] if word else []
     ours = target_unit(target)
+    scale = unit_scale(channel.unit, ours)
+    score = 2 * (word is not None) + (scale is not None)
+    if (
+        not score
+        or (scale is not None and scale.is_nan())
+        or _says(tokens, _KINDS["no_quantity"])
+        # only a unit tells volts, and only a known one is asked for no factor
+        or (target == "torque_v" and (scale is None or word is None))
+        or (target == "temperature_c" and channel.unit and scale is None)
+    ):
+        return 0, ""
+    why = f"unit {channel.unit}" if channel.unit else f"no unit stated: taken as {ours}"
     if scale is None and channel.unit:
-        why.append(f"unit {channel.unit} is not known")
-    else:
-        why.append(
-            f"unit {channel.unit}" if scale is not None else f"no unit stated: taken as {ours}"
-        )
-    return (2 + score if is_measured(channel.name) else 1), ", ".join(why)
+        why += " is not known"
+    if word:
+        why = f"named {word!r}, {why}"
+    return (2 + score if is_measured(channel.name) else 1), why
 
 
 def time_candidate(channels: Sequence[Channel]) -> Channel | None:
     """Return the channel that is named as a time; one that the file gives as such comes first."""
     own = [c for c in channels if c.is_time]
     named = [c for c in channels if set(_KINDS["time"]).intersection(_tokens(c.name))]
-    united = [c for c in channels if unit_scale(c.unit, "s") is not None and is_unit(c, "s")]
+    united = [c for c in channels if is_unit(c, "s")]
     return next(iter([*own, *named, *united]), None)
 
 
@@ -146,7 +144,7 @@ def is_measured(name: str) -> bool:
 
 def is_unit(channel: Channel, wanted: str) -> bool:
     """Return whether a channel states a unit of a quantity."""
-    scale = unit_scale(channel.unit, wanted) if channel.unit else None
+    scale = unit_scale(channel.unit, wanted)
     return scale is not None and not scale.is_nan()
 
 
@@ -197,8 +195,7 @@ def _shortest(name: str, channels: Sequence[Channel], joint: str | None) -> str:
 def _words_for(target: str, facts: ChannelFacts, joint_side: bool) -> tuple[str, list[str]]:
     """Return the declared conversions of a channel, and why."""
     words, why = "", []
-    wanted = target_unit(target)
-    scale = unit_scale(facts.channel.unit, wanted) if facts.channel.unit else None
+    scale = unit_scale(facts.channel.unit, target_unit(target))
     if facts.bits:
         words += f"@int{facts.bits}"
         why.append(f"whole numbers at both ends of {facts.bits} bits: two's complement")
@@ -218,7 +215,7 @@ def _words_for(target: str, facts: ChannelFacts, joint_side: bool) -> tuple[str,
 def _time_unit(facts: ChannelFacts) -> tuple[str, str]:
     """Return the unit of a time and why; empty where nothing tells it."""
     channel = facts.channel
-    if (unit_scale(channel.unit, "s") if channel.unit else None) is not None:
+    if unit_scale(channel.unit, "s") is not None:
         return channel.unit, ""
     if facts.first is None or channel.name.endswith("_s"):
         return "s", ""

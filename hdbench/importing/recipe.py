@@ -99,8 +99,6 @@ class Recipe(Part, kw_only=False, closed=True):
         for name, value in self.changed().items():
             if name in ("map", "set"):
                 words += [w for n, text in value.items() for w in (f"--{name}", f"{n}={text}")]
-            elif name == "kind":
-                words += ["--kind", value]
             else:
                 option = "--" + re.sub("_(hz|nm_per_a)$", "", name).replace("_", "-")
                 words += [option, *([] if value is True else [str(value)])]
@@ -148,14 +146,12 @@ def write_recipe(path: Path, recipe: Recipe) -> None:
     for name, value in recipe.changed().items():
         if name in ("map", "set"):
             tables += ["", f"[{name}]"]
-            tables += [f"{json.dumps(key)} = {_toml(text)}" for key, text in value.items()]
+            tables += [f"{_toml(key)} = {_toml(text)}" for key, text in value.items()]
         else:
             lines.append(f"{name} = {_toml(value)}")
     write_new(path, ("\n".join([*lines, *tables]) + "\n").encode())
 
 
 def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    # a text of JSON is one of TOML too
+    # what JSON makes of a text, a number or a truth value is TOML too
     return json.dumps(value, ensure_ascii=False)

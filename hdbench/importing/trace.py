@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from hdbench.importing.convert import Conversion, unlike_pace, zero_phase_veloci
 from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Column, Source, listed
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.records.tracefile import write_trace
 
 # a trace of more cells is read by no other command: some 1 GB of text
 MOST_CELLS = 50_000_000
@@ -30,16 +31,6 @@ class Part:
     # by our column; `time_s` is not there where the rate stands for it
     conversions: Mapping[str, Conversion]
     constants: Mapping[str, str]  # columns with one value
-
-
-@dataclass(frozen=True, slots=True)
-class Joined:
-    """What came out."""
-
-    trace: Trace
-    origin: Decimal | None  # time that became 0, s; None where the time was kept
-    done: dict[str, list[str]]  # what was done for each column, step by step
-    notes: list[str]  # what a person should know
 
 
 @dataclass(slots=True)
@@ -276,8 +267,14 @@ def _in_order(reads: Sequence[_Read], rate_hz: float | None) -> list[_Read]:
     return ordered
 
 
-def joined_trace(parts: Sequence[Part], recipe: Recipe) -> Joined:
-    """Join channels of foreign files into one trace."""
+def write_joined(
+    path: Path, parts: Sequence[Part], recipe: Recipe
+) -> tuple[Fraction | None, dict[str, list[str]], list[str]]:
+    """Join channels of foreign files into one trace, and write it.
+
+    Returns the time that became 0, s (None where the time was kept), what was done for each column
+    step by step, and what a person should know.
+    """
     for part in parts:
         _check_torque(part, recipe)
     reads = _in_order([_read(part, recipe) for part in parts], recipe.rate_hz)
@@ -311,8 +308,8 @@ def joined_trace(parts: Sequence[Part], recipe: Recipe) -> Joined:
     _derive(columns, done, recipe, where)
     notes = [note for read in reads for note in read.notes]
     notes += _doubts(columns)
-    origin = None if recipe.keep_time else Decimal(start.numerator) / Decimal(start.denominator)
-    return Joined(Trace(columns, where), origin, done, notes)
+    write_trace(path, Trace(columns, where))
+    return None if recipe.keep_time else start, done, notes
 
 
 def _done(part: Part, recipe: Recipe) -> dict[str, list[str]]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import itertools
 import zipfile
 from collections.abc import Iterator
 from datetime import datetime, time, timedelta
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ def open_file(path: Path) -> Source:
     empty: list[str] = []
     sheets = [sheet for sheet in book.worksheets if hasattr(sheet, "iter_rows")]
     for sheet in sheets:
-        head = [row for row, _ in zip(_cells(sheet), range(SEARCHED_LINES), strict=False)]
+        head = [*islice(_cells(sheet), SEARCHED_LINES)]
         widest = max((len(cells) for _, cells in head), default=0)
         head = [(n, [*map(_text, cells), *[""] * widest][:widest]) for n, cells in head]
         layout = table_layout(head, ",", named=True)
@@ -92,7 +92,7 @@ def _text(cell: object) -> str:
 def _rows(
     path: Path, sheet: Any, start: int, width: int, done: int
 ) -> Iterator[tuple[int, list[Any]]]:
-    for number, cells in itertools.islice(_cells(sheet), done, None):
+    for number, cells in islice(_cells(sheet), done, None):
         if number < start:
             continue
         if any(map(_text, cells[width:])):

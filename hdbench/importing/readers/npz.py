@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import cached_property, partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,7 +14,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from hdbench.importing.readers.arrays import ArraySource, NamedArray
-from hdbench.importing.source import Source, damaged
+from hdbench.importing.source import Source, closed_on_error, damaged
 
 _FORM = "NumPy file"
 # an array that is stored by columns, or packed, is read as a whole: 256 MB of it
@@ -28,89 +30,57 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
 
 
 class _Array:
-    """One array in a file: rows are read in order, without the rest of it in memory."""
+    """One array in a file: rows are read without the rest of it in memory."""
 
-    def __init__(self, path: Path, name: str, opener: _Open) -> None:
-        self._path, self._name, self._opener = path, name, opener
-        self._file: IO[bytes] | None = None
-        self._at = 0
+    def __init__(self, path: Path, name: str, opener: _Open, held: ExitStack) -> None:
+        self._path, self._name, self._opener, self._held = path, name, opener, held
         with opener() as file:
-            self.shape, self._by_columns, self.dtype = _header(file)
+            self.shape, by_columns, self.dtype = _header(file)
+            self._begin = file.tell()
+        size = int(np.prod(self.shape, dtype=object)) * self.dtype.itemsize
+        self.end = self._begin + size
+        self._whole = by_columns and len(self.shape) > 1
         if self.dtype.hasobject:
             raise damaged(path, _FORM, f"array {name!r} holds objects, which are never unpickled")
-        size = int(np.prod(self.shape, dtype=object)) * self.dtype.itemsize
-        if self._by_columns and len(self.shape) > 1 and size > _MOST_BYTES:
+        if self._whole and size > _MOST_BYTES:
             raise damaged(path, _FORM, f"array {name!r} of {size} bytes is stored by columns")
+
+    @cached_property
+    def _file(self) -> IO[bytes]:
+        return self._held.enter_context(self._opener())
 
     def read(self, start: int, stop: int) -> NDArray[Any]:
         """Return rows; a matrix that is stored by columns is read whole."""
-        if self._by_columns and len(self.shape) > 1:
+        if self._whole:
             with self._opener() as file:
                 return np.asarray(npy.read_array(file, allow_pickle=False))[start:stop]
         inner = self.shape[1:]
         row = self.dtype.itemsize * int(np.prod(inner, dtype=object))
-        if self._file is None or start != self._at:
-            self.close()
-            self._file = self._opener()
-            _header(self._file)
-            self._at = 0
-        while self._at < start:
-            step = min(start - self._at, max(1, (1 << 24) // max(row, 1)))
-            self._exactly(step * row)
-            self._at += step
-        data = self._exactly((stop - start) * row)
-        self._at = stop
-        return np.frombuffer(data, dtype=self.dtype).reshape((stop - start, *inner))
-
-    def _exactly(self, count: int) -> bytes:
-        data = b"" if self._file is None else self._file.read(count)
+        self._file.seek(self._begin + start * row)
+        count = (stop - start) * row
+        data = self._file.read(count)
         if len(data) != count:
-            raise damaged(
-                self._path, _FORM, f"array {self._name!r} ends {count - len(data)} bytes short"
-            )
-        return data
-
-    def close(self) -> None:
-        """Give the file back."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+            short = f"array {self._name!r} ends {count - len(data)} bytes short"
+            raise damaged(self._path, _FORM, short)
+        return np.frombuffer(data, dtype=self.dtype).reshape((stop - start, *inner))
 
 
 def open_file(path: Path) -> Source:
     """Open a NumPy file."""
-    with path.open("rb") as file:
-        single = file.read(6) == b"\x93NUMPY"
-    if single:
-        source = _source(path, {path.stem: lambda: path.open("rb")}, None)
-        _check_length(path)
-        return source
-    archive = zipfile.ZipFile(path)
-    members = [name for name in archive.namelist() if name.endswith(".npy")]
-    names = {name.removesuffix(".npy"): (lambda name=name: archive.open(name)) for name in members}
-    return _source(path, names, archive)
-
-
-def _check_length(path: Path) -> None:
-    """Refuse a single array with something behind it."""
-    with path.open("rb") as file:
-        shape, _, dtype = _header(file)
-        needed = file.tell() + int(np.prod(shape, dtype=object)) * dtype.itemsize
-    if path.stat().st_size > needed:
-        raise damaged(path, _FORM, f"{path.stat().st_size} bytes, its array ends at {needed}")
-
-
-def _source(path: Path, names: Mapping[str, _Open], archive: zipfile.ZipFile | None) -> Source:
-    arrays = [_Array(path, name, opener) for name, opener in names.items()]
-
-    def close() -> None:
-        for array in arrays:
-            array.close()
-        if archive is not None:
-            archive.close()
-
-    named = [
-        NamedArray(name, array.shape, array.dtype, array.read)
-        for name, array in zip(names, arrays, strict=True)
-    ]
-    return ArraySource(path, _FORM, named, close)
+    held = ExitStack()
+    with closed_on_error(held.close):
+        with path.open("rb") as file:
+            single = file.read(6) == b"\x93NUMPY"
+        if single:
+            openers: dict[str, _Open] = {path.stem: lambda: path.open("rb")}
+        else:
+            archive = held.enter_context(zipfile.ZipFile(path))
+            members = [name for name in archive.namelist() if name.endswith(".npy")]
+            openers = {name.removesuffix(".npy"): partial(archive.open, name) for name in members}
+        arrays = {name: _Array(path, name, opener, held) for name, opener in openers.items()}
+        size = path.stat().st_size
+        if single and size > arrays[path.stem].end:
+            end = arrays[path.stem].end
+            raise damaged(path, _FORM, f"{size} bytes, its array ends at {end}")
+        named = [NamedArray(name, a.shape, a.dtype, a.read) for name, a in arrays.items()]
+        return ArraySource(path, _FORM, named, held.close)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,22 +30,9 @@ _UNITS = {
     "sensor_msgs/msg/Temperature": {"temperature": "degC"},
 }
 _MOST_ELEMENTS = 512
-_CODES = {
-    "bool": "u1",
-    "byte": "u1",
-    "char": "u1",
-    "octet": "u1",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "int64": "i8",
-    "uint64": "u8",
-    "float32": "f4",
-    "float64": "f8",
-}
+_SIZED = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+_DTYPES = {name: np.dtype(name) for name in (*_SIZED, "float32", "float64")}
+_DTYPES |= dict.fromkeys(("bool", "byte", "char", "octet"), np.dtype("uint8"))
 _BASE, _NAME, _ARRAY = 1, 2, 3
 _DEEPEST = 16
 # messages in a list within a message that are taken apart
@@ -72,7 +59,7 @@ class RosMessage:
 
     def __init__(self, types: Mapping[str, Any], data: bytes, name: str, *, ros2: bool) -> None:
         self._types = types
-        self._order = "<"
+        self._order: Literal["<", ">"] = "<"
         self._data = data
         self._align = ros2
         self._at = 0
@@ -114,7 +101,7 @@ class RosMessage:
         kind, what = int(description[0]), description[1]
         if kind == _NAME:
             self._message(what, f"{path}/", depth + 1, kept=kept)
-        elif kind == _BASE and what[0] in _CODES:
+        elif kind == _BASE and what[0] in _DTYPES:
             self._numbers(what[0], None, path, kept=kept)
         elif kind == _BASE:
             self._text(what[0], path, kept=kept)
@@ -124,7 +111,7 @@ class RosMessage:
             # each element takes a byte at least
             if count > len(self._data) - self._at:
                 raise ValueError(f"{path} claims {count} elements")
-            if int(inner[0]) == _BASE and inner[1][0] in _CODES:
+            if int(inner[0]) == _BASE and inner[1][0] in _DTYPES:
                 self._numbers(inner[1][0], count, path, kept=kept)
                 return
             alone = int(inner[0]) != _BASE
@@ -133,7 +120,7 @@ class RosMessage:
                 self._field(inner, at, depth, kept=kept and (k < _MOST_INNER or not alone))
 
     def _numbers(self, name: str, count: int | None, path: str, *, kept: bool) -> None:
-        dtype = np.dtype(f"{self._order}{_CODES[name]}")
+        dtype = _DTYPES[name].newbyteorder(self._order)
         if count != 0:
             self._pad(dtype.itemsize)
         place = _Place(self._at, dtype, count)

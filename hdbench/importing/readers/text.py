@@ -8,6 +8,7 @@ import gzip
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,15 +28,7 @@ from hdbench.importing.layout import (
     text_layout,
     uses_decimal_comma,
 )
-from hdbench.importing.source import (
-    Channel,
-    Piece,
-    Source,
-    damaged,
-    piece_rows,
-    text_cells,
-    told_apart,
-)
+from hdbench.importing.source import Channel, Piece, Source, damaged, piece_rows, text_cells
 from hdbench.importing.units import is_time_name, stated_unit
 from hdbench.records.csvtext import data_error, parse_numbers
 from hdbench.records.trace import FloatArray
@@ -74,12 +67,12 @@ class CellsSource(Source):
     ) -> None:
         super().__init__(path, form, close)
         self._tables = {table.prefix: table for table in tables}
-        channels: list[Channel] = []
+        made: list[tuple[Channel, int]] = []
         probes: list[list[str]] = []
         stamps: list[str] = []
         for table in tables:
             layout = table.layout
-            first = [[*map(self.text, row)] for _, row in _first(table.rows(0))]
+            first = [[*map(self.text, row)] for _, row in islice(table.rows(0), SEARCHED_LINES)]
             probes += first
             for k in range(layout.width):
                 name = layout.names[k] if layout.names else str(k + 1)
@@ -90,13 +83,9 @@ class CellsSource(Source):
                     unit = "s"
                     stamps.append(f"{table.prefix}{name} holds stamps: seconds are made of them")
                 channel = Channel(f"{table.prefix}{name}", unit, table.prefix, timed or stamped)
-                channels.append(channel)
+                made.append((channel, k))
         self.notes = tuple(stamps)
-        self.channels = told_apart(path, channels)
-        self._columns = {}
-        for table in tables:
-            own = [c.name for c in self.channels if c.clock == table.prefix]
-            self._columns.update({name: k for k, name in enumerate(own)})
+        self._columns = self.hold(made)
         self.decimal_comma = uses_decimal_comma(probes)
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
@@ -147,10 +136,6 @@ class CellsSource(Source):
         rows = next(iter(self._tables.values())).rows(0)
         line = next((line for k, (line, _) in enumerate(rows) if k == row), row + 1)
         return f"{self.path}:{line}"
-
-
-def _first(rows: Iterator[tuple[int, list[Any]]]) -> list[tuple[int, list[Any]]]:
-    return [row for row, _ in zip(rows, range(SEARCHED_LINES), strict=False)]
 
 
 def _column(text: bytes, delimiter: str, k: int) -> NDArray[Any]:
@@ -227,7 +212,7 @@ def _lines(path: Path, skip: int) -> Iterator[str]:
 def open_file(path: Path, layout: ForeignFormat | None) -> CellsSource:
     """Open a table of text."""
     layout = layout or ForeignFormat()
-    head = [line for line, _ in zip(_lines(path, layout.skip), range(SEARCHED_LINES), strict=False)]
+    head = [*islice(_lines(path, layout.skip), SEARCHED_LINES)]
     found = text_layout(head, layout.delimiter, named=layout.header)
     if found is None:
         raise DataError(
