@@ -29,7 +29,7 @@ from hdbench.importing.source import (
     text_cells,
     told,
 )
-from hdbench.records.storage import checked_size, read_failure
+from hdbench.records.storage import checked_size, read_errors
 from hdbench.system.children import shared_memory, start_child
 
 if TYPE_CHECKING:
@@ -132,11 +132,8 @@ def _head(path: Path) -> bytes:
     if path.is_dir():
         return b""
     checked_size(path, limit=sys.maxsize, what="log")
-    try:
-        with path.open("rb") as file:
-            return file.read(_HEAD)
-    except OSError as error:
-        raise read_failure(error, path) from error
+    with read_errors(path), path.open("rb") as file:
+        return file.read(_HEAD)
 
 
 def _chosen(path: Path, head: bytes) -> Format | None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.records.parquetfile import PARQUET, parquet_names
-from hdbench.records.storage import file_bytes, read_failure
+from hdbench.records.storage import file_bytes, read_errors
 from hdbench.records.trace import FloatArray
 
 _LIMIT_COLUMNS = 1000
@@ -125,13 +125,11 @@ def check_header(path: Path, header: Sequence[str]) -> tuple[str, ...]:
         raise data_error(path, 1, f"{len(names)} columns; needed: at most {_LIMIT_COLUMNS}")
     if any(_is_number(name) for name in names):
         raise data_error(path, 1, "the first row holds numbers; needed: a row of column names")
-    seen: set[str] = set()
-    for position, name in enumerate(names, 1):
+    for position, name in enumerate(names):
         if not name:
-            raise data_error(path, 1, f"column {position} has no name")
-        if name in seen:
+            raise data_error(path, 1, f"column {position + 1} has no name")
+        if name in names[:position]:
             raise data_error(path, 1, f"column {name!r} occurs twice")
-        seen.add(name)
     return names
 
 
@@ -173,9 +171,8 @@ def parse_table(path: Path, text: str) -> Table:
             )
     if len(numbered) < 2:
         raise data_error(path, 1, "a header without data; needed: at least one row", "record again")
-    return Table(
-        path, header, tuple(row for _, row in numbered[1:]), [line for line, _ in numbered[1:]]
-    )
+    lines, rows = zip(*numbered[1:], strict=True)
+    return Table(path, header, rows, lines)
 
 
 def read_header(path: Path) -> tuple[str, ...]:
@@ -183,11 +180,8 @@ def read_header(path: Path) -> tuple[str, ...]:
     if path.suffix == PARQUET:
         return parquet_names(path)
     opener = gzip.open if path.suffix == ".gz" else open
-    try:
-        with opener(path, "rb") as file:
-            line = file.readline(_LIMIT_HEADER)
-    except (OSError, EOFError, zlib.error, ValueError) as error:
-        raise read_failure(error, path) from error
+    with read_errors(path), opener(path, "rb") as file:
+        line = file.readline(_LIMIT_HEADER)
     line = line.removeprefix(_BYTE_ORDER_MARK)
     rows = _csv_lines(path, line.decode("utf-8", errors="replace").rstrip("\r\n"))
     return check_header(path, rows[0][1] if rows else ())

@@ -162,15 +162,12 @@ def _hdf5(content: Content) -> bytes:
             more: dict[str, Any] = {"compression": "gzip"} if len(values) > 1000 else {}
             if _is_words(channel):
                 values, more = list(values), {"dtype": h5py.string_dtype()}
-            data = group.create_dataset(_hdf5_name(name), data=values, **more)
+            # a slash makes groups, and a lone dot is the group itself
+            named = name.replace("/", "_") if name != "." else "_"
+            data = group.create_dataset(named, data=values, **more)
             if channel.unit:
                 data.attrs["unit"] = channel.unit
     return sink.getvalue()
-
-
-def _hdf5_name(name: str) -> str:
-    # a slash makes groups, and a lone dot is the group itself
-    return name.replace("/", "_") if name != "." else "_"
 
 
 def _mat(content: Content) -> bytes:
@@ -179,12 +176,11 @@ def _mat(content: Content) -> bytes:
     # any binary file will do; the stubs know paths alone
     sink: Any = io.BytesIO()
     columns: dict[str, Any] = {}
-    units: dict[str, str] = {}
     for name, channel in content.channels.items():
         _check_matlab(name)
         words = _is_words(channel)
         columns[name] = np.array(channel.values, dtype=object if words else np.float64)
-        units[name] = channel.unit
+    units = {name: channel.unit for name, channel in content.channels.items()}
     body = {content.name: columns, "units": units, "about": dict(content.attributes)}
     savemat(sink, body, do_compression=True, oned_as="column", long_field_names=True)
     return bytes(sink.getvalue())

@@ -13,6 +13,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import BusyError, DataError, StorageError
-from hdbench.records.storage import checked_size, disk_errors, read_failure, storage_error
+from hdbench.records.storage import checked_size, disk_errors, read_errors
 from hdbench.system.files import lock_file, sync_data, sync_file, sync_folder
 
 _MAGIC = b"HDJ1"
@@ -127,15 +128,12 @@ class JournalReader:
     def _intact(self) -> Iterator[JournalBlock]:
         checked_size(self.path, limit=_LIMIT_FILE, what="journal")
         start = 0
-        try:
-            with self.path.open("rb") as file:
-                while (block := _next_intact(file)) is not None:
-                    yield block
-                    start = file.tell()
-                file.seek(start)
-                rest = file.read()
-        except OSError as error:
-            raise read_failure(error, self.path) from error
+        with read_errors(self.path), self.path.open("rb") as file:
+            while (block := _next_intact(file)) is not None:
+                yield block
+                start = file.tell()
+            file.seek(start)
+            rest = file.read()
         place = 0
         while (following := _search(rest, place + 1)) is not None:
             self._problems.append(f"damaged from byte {start + place} to {start + following}")
@@ -184,16 +182,6 @@ def _payload(kind: str, columns: Mapping[str, NDArray[Any]], extra: Mapping[str,
     return b"".join([_WORD.pack(len(header)), header, *arrays])
 
 
-def _lock(handle: int, path: Path) -> None:
-    """Let one process append; without locks the process number in run.json is the only guard."""
-    if lock_file(handle) is False:
-        raise BusyError(
-            "another process records this run",
-            where=str(path),
-            fix="wait until it has finished, or stop it",
-        )
-
-
 class JournalWriter:
     """Append blocks to a journal; a synced block is on the disk when `append` returns.
 
@@ -208,16 +196,16 @@ class JournalWriter:
         self._sequence = 0
         self._handle = -1
         flags |= os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
-        try:
+        with self._abandoned_on_error():
             self._handle = os.open(self._path, flags, 0o644)
             sync_folder(self._path.parent)
-            _lock(self._handle, self._path)
-        except BusyError:
-            self._abandon()
-            raise
-        except OSError as error:
-            self._abandon()
-            raise storage_error(error, self._path) from error
+            # without locks the process number in run.json is the only guard
+            if lock_file(self._handle) is False:
+                raise BusyError(
+                    "another process records this run",
+                    where=str(self._path),
+                    fix="wait until it has finished, or stop it",
+                )
 
     @classmethod
     def resume(cls, path: Path) -> tuple[JournalWriter, JournalContent]:
@@ -226,21 +214,14 @@ class JournalWriter:
         An unfinished block behind it, which was never acknowledged, is cut off.
         """
         writer = cls(path, flags=0)
-        try:
+        handle = writer._handle
+        with writer._abandoned_on_error():
             content = read_journal(path)
-            writer._cut(content.torn_bytes)
-        except BaseException:
-            writer._abandon()
-            raise
+            if content.torn_bytes:
+                os.ftruncate(handle, os.fstat(handle).st_size - content.torn_bytes)
+                sync_file(handle)
         writer._sequence = content.blocks[-1].sequence + 1 if content.blocks else 0
         return writer, content
-
-    def _cut(self, torn_bytes: int) -> None:
-        if not torn_bytes:
-            return
-        with disk_errors(self._path):
-            os.ftruncate(self._handle, os.fstat(self._handle).st_size - torn_bytes)
-            sync_file(self._handle)
 
     def append(
         self,
@@ -262,26 +243,29 @@ class JournalWriter:
         head = _HEAD.pack(_MAGIC, self._sequence, len(body))
         checksum = zlib.crc32(body, zlib.crc32(head[4:]))
         rest = memoryview(b"".join([head, body, _WORD.pack(checksum)]))
-        try:
+        with self._abandoned_on_error():
             while rest:
                 rest = rest[os.write(self._handle, rest) :]
             if sync:
                 sync_data(self._handle)
-        except OSError as error:
-            self._abandon()
-            raise storage_error(error, self._path) from error
         self._sequence += 1
 
     def close(self) -> None:
         """Sync and close the file; safe to call twice."""
         if self._handle < 0:
             return
-        try:
+        with self._abandoned_on_error():
             sync_data(self._handle)
-        except OSError as error:
-            raise storage_error(error, self._path) from error
-        finally:
+        self._abandon()
+
+    @contextmanager
+    def _abandoned_on_error(self) -> Iterator[None]:
+        try:
+            with disk_errors(self._path):
+                yield
+        except BaseException:
             self._abandon()
+            raise
 
     def _abandon(self) -> None:
         handle, self._handle = self._handle, -1

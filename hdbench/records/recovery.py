@@ -15,8 +15,9 @@ from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import free_reserve, sha256_file
 
 
-def _is_calibration(folder: RunFolder) -> bool:
-    return str(folder.manifest["kind"]).startswith("calib")
+def _record(folder: RunFolder) -> Path:
+    """Return the file that the journal of a run becomes."""
+    return folder.loads if str(folder.manifest["kind"]).startswith("calib") else folder.trace
 
 
 def recover_run(folder: RunFolder) -> Path:
@@ -28,13 +29,12 @@ def recover_run(folder: RunFolder) -> Path:
             fix="wait for it to end",
         )
     problem = counted.summarize_journal(folder.journal).problem
-    if _is_calibration(folder):
+    target = _record(folder)
+    if target == folder.loads:
         content = read_journal(folder.journal)
-        target = folder.loads
         write_loads(target, counted.journal_loads(content, str(folder.journal)))
         counted.write_sequence(folder.path, content)
     else:
-        target = folder.trace
         counted.survey_samples(folder.journal).write(target)
     free_reserve(folder.path)
     if folder.manifest["status"] == "running":
@@ -73,10 +73,7 @@ def resolve_input(path: Path) -> Path:
     folder = RunFolder.open(path)
     if folder.is_killed and folder.journal.exists():
         return recover_run(folder)
-    first, second = (folder.trace, folder.loads)
-    if _is_calibration(folder):
-        first, second = second, first
-    for candidate in (first, second):
+    for candidate in (_record(folder), folder.trace, folder.loads):
         if candidate.is_file():
             return candidate
     if not folder.journal.exists():
@@ -153,8 +150,8 @@ def verify_run(path: Path) -> VerifyReport:
             problems.append(f"journal.hdj: {error.what}")
     if content.problem:
         problems.append(f"journal.hdj: {content.problem}")
-    calibration = _is_calibration(folder)
-    target = folder.loads if calibration else folder.trace
+    target = _record(folder)
+    acknowledged = content.readings if target == folder.loads else content.samples
     return VerifyReport(
         run_id=folder.run_id,
         status=status,
@@ -165,7 +162,7 @@ def verify_run(path: Path) -> VerifyReport:
         files_checked=len(folder.manifest["files"]),
         recoverable=status != "running"
         and (folder.is_killed or not target.exists())
-        and (content.readings if calibration else content.samples) > 0,
+        and acknowledged > 0,
     )
 
 

@@ -147,7 +147,8 @@ def list_runs(
             continue
         found[name] = run = read_run(parent / name)
         if run.status != "running" and clock_ns() - changed_ns > _STEP_NS:
-            fresh.append((os.fsencode(name), stamp, _packed(run)))
+            _, *body = asdict(run).values()
+            fresh.append((os.fsencode(name), stamp, json.dumps(body)))
             if len(fresh) == _BATCH:
                 _store(file, fresh)
                 fresh = []
@@ -167,10 +168,6 @@ def _state(run: str) -> tuple[str, int] | None:
             return None
     stamp = " ".join(f"{s.st_mtime_ns} {s.st_ctime_ns} {s.st_size} {s.st_ino}" for s in states)
     return stamp, max(max(s.st_mtime_ns, s.st_ctime_ns) for s in states)
-
-
-def _packed(run: RunSummary) -> str:
-    return json.dumps([value for name, value in asdict(run).items() if name != "path"])
 
 
 def _load(file: Path) -> dict[str, tuple[str, RunSummary]]:
@@ -232,14 +229,11 @@ def select_runs(
         In the order given.
     """
     fields = {name: set(values) for name, values in wanted.items() if values}
+    # what has no start that can be read is from the beginning of time
+    unknown = datetime.min.replace(tzinfo=UTC)
     return [
         run
         for run in runs
         if all(getattr(run, name) in values for name, values in fields.items())
-        and (since is None or _started(run) >= since)
+        and (since is None or (moment_of(run.started_utc) or unknown) >= since)
     ]
-
-
-def _started(run: RunSummary) -> datetime:
-    """Return the start of a run; the beginning of time where it cannot be read."""
-    return moment_of(run.started_utc) or datetime.min.replace(tzinfo=UTC)

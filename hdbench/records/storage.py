@@ -7,6 +7,7 @@ import hashlib
 import os
 import secrets
 import shutil
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,7 +16,6 @@ from typing import Any
 from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.system.files import allocate, sync_file, sync_folder
 
-_CHUNK = 1 << 20
 RESERVE_NAME = ".reserve"
 # run.json with the profile's text, an event of the journal and the directory's own blocks
 _RESERVE = 4 << 20
@@ -121,15 +121,20 @@ def write_new(path: Path, content: bytes) -> None:
     write_atomic(path, content)
 
 
-def read_failure(error: Exception, path: Path) -> DataError:
-    """Return the error of a file that cannot be read."""
-    reason = getattr(error, "strerror", None) or str(error)
-    return DataError(f"cannot read: {reason}", where=str(path), fix="check path and rights")
+@contextmanager
+def read_errors(path: Path) -> Iterator[None]:
+    """Raise whatever keeps a file from being read as one error of ours."""
+    try:
+        yield
+    except (OSError, EOFError, ValueError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        what = f"cannot read: {reason}"
+        raise DataError(what, where=str(path), fix="check path and rights") from error
 
 
 def checked_size(path: Path, *, limit: int, what: str, missing: str = "check the path") -> int:
     """Return the size of a regular file of at most `limit` bytes; `missing` is a fix."""
-    try:
+    with read_errors(path):
         if not path.exists():
             raise DataError(f"no such {what}", where=str(path), fix=missing)
         if not path.is_file():
@@ -137,8 +142,6 @@ def checked_size(path: Path, *, limit: int, what: str, missing: str = "check the
                 f"not a regular file; needed: a {what}", where=str(path), fix="name the file itself"
             )
         size = path.stat().st_size
-    except (OSError, ValueError) as error:
-        raise read_failure(error, path) from error
     if size > limit:
         raise DataError(
             f"{size} bytes; needed: a {what} of at most {limit} bytes",
@@ -151,22 +154,14 @@ def checked_size(path: Path, *, limit: int, what: str, missing: str = "check the
 def file_bytes(path: Path, **needed: Any) -> bytes:
     """Read a regular file that is as `checked_size` needs it."""
     checked_size(path, **needed)
-    try:
+    with read_errors(path):
         return path.read_bytes()
-    except OSError as error:
-        raise read_failure(error, path) from error
 
 
 def sha256_file(path: Path) -> str:
     """Return the SHA-256 of a file as 64 hexadecimal digits."""
-    digest = hashlib.sha256()
-    try:
-        with Path(path).open("rb") as file:
-            while chunk := file.read(_CHUNK):
-                digest.update(chunk)
-    except OSError as error:
-        raise read_failure(error, path) from error
-    return digest.hexdigest()
+    with read_errors(path), Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_space(folder: Path, needed: int) -> None:

@@ -77,11 +77,8 @@ class Trace:
         -------
         ndarray of bool, shape (n_samples,)
         """
-        chosen = names or tuple(self.columns)
-        mask = np.ones(len(self), dtype=bool)
-        for name in chosen:
-            mask &= np.isfinite(self.columns[name])
-        return mask
+        finite = [np.isfinite(self.columns[name]) for name in names or self.columns]
+        return np.asarray(np.all(finite, axis=0))
 
     def with_columns(self, **columns: FloatArray) -> Trace:
         """Return a copy with `columns` added or replaced."""

@@ -173,32 +173,24 @@ def _check_required(
 
 def _check_values(path: Path, columns: dict[str, FloatArray], lines: Sequence[int]) -> None:
     for name, values in columns.items():
-        infinite = np.flatnonzero(np.isinf(values))
-        if len(infinite):
-            raise csvtext.data_error(
-                path,
-                lines[int(infinite[0])],
-                f"column {name!r} is infinite; needed: a finite number, nan or nothing",
-                "leave the cell empty where the sample was lost",
-            )
+        if np.isinf(values).any():
+            line = lines[int(np.argmax(np.isinf(values)))]
+            what = f"column {name!r} is infinite; needed: a finite number, nan or nothing"
+            fix = "leave the cell empty where the sample was lost"
+            raise csvtext.data_error(path, line, what, fix)
     time_s = columns["time_s"]
-    missing = np.flatnonzero(np.isnan(time_s))
-    if len(missing):
+    if np.isnan(time_s).any():
+        line = lines[int(np.argmax(np.isnan(time_s)))]
+        what = "column 'time_s' has no value; needed: a time in s on every row"
+        raise csvtext.data_error(path, line, what, "give the row its time, or take the row out")
+    wrong = ~(np.diff(time_s) > 0.0)
+    if wrong.any():
+        before = int(np.argmax(wrong))
+        what = f"time_s {float(time_s[before + 1])!r} s after {float(time_s[before])!r} s"
         raise csvtext.data_error(
             path,
-            lines[int(missing[0])],
-            "column 'time_s' has no value; needed: a time in s on every row",
-            "give the row its time, or take the row out",
-        )
-    steps = np.diff(time_s)
-    wrong = np.flatnonzero(~(steps > 0.0))
-    if len(wrong):
-        row = int(wrong[0]) + 1
-        raise csvtext.data_error(
-            path,
-            lines[row],
-            f"time_s {float(time_s[row])!r} s after {float(time_s[row - 1])!r} s; "
-            "needed: strictly increasing",
+            lines[before + 1],
+            f"{what}; needed: strictly increasing",
             "take out repeated rows, or sort by time",
         )
 

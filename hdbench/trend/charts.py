@@ -57,28 +57,28 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """What is drawn of one history.
+    """What is drawn of one history, or of many of one length.
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
+    values : ndarray, shape (..., n)
         The quantity, run by run.
-    center : float
+    center : ndarray, shape (...)
         Mean of the runs, weighted by 1 / stds^2.
-    stds : ndarray, shape (n,)
+    stds : ndarray, shape (..., n)
         Std of a single run about the center: own uncertainty and scatter between runs.
-    between_std : float
+    between_std : ndarray, shape (...)
         Scatter between runs beyond their own uncertainties.
-    moving_range, expected_range : ndarray, shape (n - 1,)
+    moving_range, expected_range : ndarray, shape (..., n - 1)
         Difference to the run before, and its mean where nothing but scatter is at work.
-    ewma, ewma_stds : ndarray, shape (n,)
+    ewma, ewma_stds : ndarray, shape (..., n)
         Exponentially weighted moving average that starts at the center, and its std.
     """
 
     values: FloatArray
-    center: float
+    center: FloatArray
     stds: FloatArray
-    between_std: float
+    between_std: FloatArray
     moving_range: FloatArray
     expected_range: FloatArray
     ewma: FloatArray
@@ -86,10 +86,11 @@ class Chart:
 
     def scores(self) -> dict[str, FloatArray]:
         """Return each chart's statistic run by run, in units that `Limits` hold factors of."""
+        center = self.center[..., None]
         return {
-            "individuals": np.abs(self.values - self.center) / self.stds,
+            "individuals": np.abs(self.values - center) / self.stds,
             "moving-range": self.moving_range / self.expected_range,
-            "ewma": np.abs(self.ewma - self.center) / self.ewma_stds,
+            "ewma": np.abs(self.ewma - center) / self.ewma_stds,
         }
 
 
@@ -114,7 +115,7 @@ class Limits:
 
 
 def control_chart(values: FloatArray, own_stds: FloatArray) -> Chart:
-    """Return the charts of one history.
+    """Return the charts of one history, or of many of one length.
 
     Notes
     -----
@@ -127,20 +128,11 @@ def control_chart(values: FloatArray, own_stds: FloatArray) -> Chart:
     ----------
     NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2.2 (individuals) and 6.3.2.4 (EWMA).
     """
-    y = values[None, :]
-    stds, between = _stds(y, own_stds)
-    center = _centers(y, stds)
-    ewma, ewma_stds = _ewma(y, center, stds)
-    return Chart(
-        values,
-        float(center[0]),
-        stds[0],
-        float(between[0]),
-        np.abs(np.diff(values)),
-        _ranges(stds)[0],
-        ewma[0],
-        ewma_stds[0],
-    )
+    stds, between = _stds(values, own_stds)
+    center = _centers(values, stds)
+    expected = _D2 * np.sqrt(0.5 * (stds[..., 1:] ** 2 + stds[..., :-1] ** 2))
+    averages = _ewma(values, center, stds)
+    return Chart(values, center, stds, between, np.abs(np.diff(values)), expected, *averages)
 
 
 def find_step(values: FloatArray, stds: FloatArray) -> Step:
@@ -152,8 +144,8 @@ def find_step(values: FloatArray, stds: FloatArray) -> Step:
     normal prior of the step (Goenen, Johnson, Lu, Westfall, The American Statistician 59, 2005);
     its scale is estimated from the runs about both levels.
     """
-    odds = _step_odds(values[None, :], stds[None, :])[0]
-    total = _mean_odds(odds[None, :])[0]
+    odds = _step_odds(values, stds)
+    total = _mean_odds(odds)
     share = np.exp(odds - odds.max())
     share /= share.sum()
     likeliest = np.argsort(share)[::-1]
@@ -208,76 +200,62 @@ def _drawn(
 
 def _largest(y: FloatArray, own: FloatArray) -> FloatArray:
     """Return the largest statistic of each history on each chart, shape (m, 4)."""
-    stds, _ = _stds(y, own)
-    center = _centers(y, stds)
-    ewma, ewma_stds = _ewma(y, center, stds)
-    return np.column_stack(
-        [
-            np.max(np.abs(y - center[:, None]) / stds, axis=1),
-            np.max(np.abs(np.diff(y, axis=1)) / _ranges(stds), axis=1),
-            np.max(np.abs(ewma - center[:, None]) / ewma_stds, axis=1),
-            _mean_odds(_step_odds(y, stds)),
-        ]
-    )
+    chart = control_chart(y, own)
+    largest = [np.max(scores, axis=-1) for scores in chart.scores().values()]
+    return np.column_stack([*largest, _mean_odds(_step_odds(y, chart.stds))])
 
 
 def _stds(y: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return stds of the runs, shape (m, n), and the scatter between runs, shape (m,)."""
-    ranges = np.abs(np.diff(y, axis=1)) / _D2
+    """Return stds of the runs and the scatter between runs."""
+    ranges = np.abs(np.diff(y)) / _D2
     pairs = 0.5 * (own[1:] ** 2 + own[:-1] ** 2)
-    low, high = np.zeros(len(y)), np.mean(ranges, axis=1)
     if not np.any(pairs):
-        low = high
+        low = np.mean(ranges, axis=-1)
     else:
-        high = np.max(ranges, axis=1)
+        high = np.max(ranges, axis=-1)
+        low = np.zeros_like(high)
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            above = np.mean(ranges / np.sqrt(middle[:, None] ** 2 + pairs), axis=1) > 1.0
+            above = np.mean(ranges / np.sqrt(middle[..., None] ** 2 + pairs), axis=-1) > 1.0
             low, high = np.where(above, middle, low), np.where(above, high, middle)
-    scale = np.ones(len(y))
+    scale = np.ones_like(low)
     if np.all(pairs > 0.0):
-        scale = np.minimum(1.0, np.mean(ranges / np.sqrt(pairs), axis=1))
-    return scale[:, None] * np.sqrt(low[:, None] ** 2 + own**2), low
+        scale = np.minimum(1.0, np.mean(ranges / np.sqrt(pairs), axis=-1))
+    return scale[..., None] * np.sqrt(low[..., None] ** 2 + own**2), low
 
 
 def _centers(y: FloatArray, stds: FloatArray) -> FloatArray:
     weights = 1.0 / stds**2
-    centers: FloatArray = np.sum(weights * y, axis=1) / np.sum(weights, axis=1)
+    centers: FloatArray = np.sum(weights * y, axis=-1) / np.sum(weights, axis=-1)
     return centers
-
-
-def _ranges(stds: FloatArray) -> FloatArray:
-    ranges: FloatArray = _D2 * np.sqrt(0.5 * (stds[:, 1:] ** 2 + stds[:, :-1] ** 2))
-    return ranges
 
 
 def _ewma(
     y: FloatArray, center: FloatArray, stds: FloatArray, weight: float = EWMA_WEIGHT
 ) -> tuple[FloatArray, FloatArray]:
-    level, variance = np.array(center), np.zeros(len(y))
+    level, variance = center, np.zeros_like(center)
     levels, variances = np.empty_like(y), np.empty_like(y)
-    for k in range(y.shape[1]):
-        level = weight * y[:, k] + (1.0 - weight) * level
-        variance = (weight * stds[:, k]) ** 2 + (1.0 - weight) ** 2 * variance
-        levels[:, k], variances[:, k] = level, variance
+    for k in range(y.shape[-1]):
+        level = weight * y[..., k] + (1.0 - weight) * level
+        variance = (weight * stds[..., k]) ** 2 + (1.0 - weight) ** 2 * variance
+        levels[..., k], variances[..., k] = level, variance
     return levels, np.sqrt(variances)
 
 
 def _step_odds(y: FloatArray, stds: FloatArray) -> FloatArray:
-    """Return the log Bayes factor of a step before run 2 ... n - 2, shape (m, n - 3)."""
-    n = y.shape[1]
-    typical = np.median(stds, axis=1)[:, None]
+    """Return the log Bayes factor of a step before run 2 ... n - 2, shape (..., n - 3)."""
+    typical = np.median(stds, axis=-1, keepdims=True)
     weights = (typical / stds) ** 2
-    z = (y - _centers(y, stds)[:, None]) / typical
-    before = np.cumsum(weights, axis=1)
-    sums = np.cumsum(weights * z, axis=1)
-    first, total = before[:, _LEAST_LEVEL - 1 : -_LEAST_LEVEL], before[:, -1:]
-    low = sums[:, _LEAST_LEVEL - 1 : -_LEAST_LEVEL]
+    z = (y - _centers(y, stds)[..., None]) / typical
+    before = np.cumsum(weights, axis=-1)
+    sums = np.cumsum(weights * z, axis=-1)
+    first, total = before[..., _LEAST_LEVEL - 1 : -_LEAST_LEVEL], before[..., -1:]
+    low = sums[..., _LEAST_LEVEL - 1 : -_LEAST_LEVEL]
     variance = 1.0 / first + 1.0 / (total - first)
-    step = (sums[:, -1:] - low) / (total - first) - low / first
+    step = (sums[..., -1:] - low) / (total - first) - low / first
     explained = step**2 / variance
-    dof = n - 2
-    rest = np.sum(weights * z**2, axis=1)[:, None] - explained
+    dof = y.shape[-1] - 2
+    rest = np.sum(weights * z**2, axis=-1, keepdims=True) - explained
     ratio = explained / np.maximum(rest, 1e-12 * (rest + explained))  # t^2 / dof
     shrunk = variance / (variance + _STEP_PRIOR_STD**2)
     gain = np.log1p(ratio) - np.log1p(ratio * shrunk)
@@ -286,8 +264,8 @@ def _step_odds(y: FloatArray, stds: FloatArray) -> FloatArray:
 
 
 def _mean_odds(odds: FloatArray) -> FloatArray:
-    top = odds.max(axis=1)
-    mean: FloatArray = top + np.log(np.mean(np.exp(odds - top[:, None]), axis=1))
+    top = odds.max(axis=-1)
+    mean: FloatArray = top + np.log(np.mean(np.exp(odds - top[..., None]), axis=-1))
     return mean
 
 

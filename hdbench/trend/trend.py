@@ -249,11 +249,11 @@ def _body(
         rows = _with_limits(rows, chart, limits, history.signals)
         told = {
             "center": {
-                "value": chart.center,
+                "value": float(chart.center),
                 "std": float(np.sqrt(1.0 / np.sum(1.0 / chart.stds**2))),
                 "dof": None,
             },
-            "between_run_std": chart.between_std,
+            "between_run_std": float(chart.between_std),
             "run_std": float(np.median(chart.stds)),
             "factors": asdict(limits),
         }
