@@ -13,7 +13,7 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from hdbench.batch.inputs import Input, stamps_of
 from hdbench.errors import BusyError, DataError, UsageError
@@ -53,8 +53,6 @@ class BatchFolder:
     def __init__(self, path: Path, command: str, *, resume: bool) -> None:
         self.path = path
         self._journal = path / "batch.jsonl"
-        self._kept: dict[str, dict[str, Any]] = {}
-        self._names: dict[str, str] = {}
         entries = _journal_entries(self._journal)
         if entries and not resume:
             raise UsageError(
@@ -68,13 +66,19 @@ class BatchFolder:
                 where=str(path),
                 fix="name another --out",
             )
-        for entry in entries[1:]:
-            self._kept[entry["identity"]] = entry
-            self._names[entry["identity"]] = entry["name"]
+        self._kept = {entry["identity"]: entry for entry in entries[1:]}
+        self._names = {identity: entry["name"] for identity, entry in self._kept.items()}
         with disk_errors(path):
             (path / "results").mkdir(parents=True, exist_ok=True)
             self._file = self._journal.open("a+b")
-            _hold(self._file, path)
+            # the lock ends with the process
+            if lock_file(self._file.fileno()) is False:
+                self._file.close()
+                raise BusyError(
+                    "another process writes into this batch",
+                    where=str(path),
+                    fix="wait for it, or name another --out",
+                )
             # a line that a kill cut short must not swallow the next one
             if self._file.tell() and not self._journal.read_bytes().endswith(b"\n"):
                 self._file.write(b"\n")
@@ -233,17 +237,6 @@ def _journal_entries(path: Path) -> list[dict[str, Any]]:
             if isinstance(entry, dict) and ("row" in entry or not entries):
                 entries.append(entry)
     return entries
-
-
-def _hold(file: BinaryIO, path: Path) -> None:
-    """Let one process write into a batch; the lock ends with the process."""
-    if lock_file(file.fileno()) is False:
-        file.close()
-        raise BusyError(
-            "another process writes into this batch",
-            where=str(path),
-            fix="wait for it, or name another --out",
-        )
 
 
 def summary_of(rows: Iterable[Mapping[str, Any]], kept: int) -> dict[str, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -63,13 +64,10 @@ def _shared_rows(
 ) -> list[tuple[str, float, float | None]]:
     """Return what both budgets declare alike: name, relative standard uncertainty, dof."""
     second, shared = _budget(b), []
+    declared = attrgetter("origin", "half_width", "distribution")
     for name, row in _budget(a).items():
         other = second.get(name)
-        if other is not None and (row.origin, row.half_width, row.distribution) == (
-            other.origin,
-            other.half_width,
-            other.distribution,
-        ):
+        if other is not None and declared(row) == declared(other):
             shared.append((name, min(row.relative_std, other.relative_std), row.dof))
     return shared
 

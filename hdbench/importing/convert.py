@@ -55,14 +55,11 @@ class SourceColumn:
 
 def find_source(source: Source, text: str, option: str) -> SourceColumn:
     """Return the channel that `text` means; a channel's own name goes before arithmetic."""
-    exact = find_channel(source, text)
-    if exact is not None:
-        return SourceColumn(exact)
+    column = _linear(source, text, option)
+    if column is not None:
+        return column
     rest, *words = text.split("@")
     column = _linear(source, rest, option) if words else None
-    if column is None:
-        column = _linear(source, text, option)
-        words = [] if column is not None else words
     if column is None:
         raise _no_channel(source, rest, option)
     for word in words:
@@ -345,17 +342,9 @@ def conversion(
         )
     zero = "zero" in words or (joint and target == "motor_angle_rad")
     bits = next((_WIDTHS[word] for word in words if word in _WIDTHS), 0)
-    return Conversion(
-        target,
-        source,
-        column,
-        unit,
-        factor,
-        bits,
-        "wrapped" in words,
-        zero,
-        float(ratio or 1.0) if joint else 1.0,
-    )
+    gear = float(ratio or 1.0) if joint else 1.0
+    wrapped = "wrapped" in words
+    return Conversion(target, source, column, unit, factor, bits, wrapped, zero, gear)
 
 
 def _refused(target: str, source: Source, given: str, unit: str, other: str) -> UsageError:

@@ -159,10 +159,6 @@ def _filled(cells: Sequence[str]) -> int:
     return max((i for i, cell in enumerate(cells, 1) if cell.strip()), default=0)
 
 
-def _score(rows: Sequence[_Row]) -> int:
-    return sum(is_number(cell) for _, cells in rows[-_TAIL:] for cell in cells)
-
-
 def table_layout(
     rows: Sequence[_Row], delimiter: str, *, named: bool, comments: Sequence[_Row] = ()
 ) -> TableLayout | None:
@@ -176,11 +172,12 @@ def table_layout(
     if not widths:
         return None
     width = max(widths, key=lambda w: (widths[w], w))
-    fitting = [cells for cells in tail if len(cells) >= width and _filled(cells) <= width]
-    numeric = [k for k in range(width) if any(is_number(cells[k]) for cells in fitting)]
 
     def fits(cells: Sequence[str]) -> bool:
         return len(cells) >= width and _filled(cells) <= width
+
+    fitting = [cells for cells in tail if fits(cells)]
+    numeric = [k for k in range(width) if any(is_number(cells[k]) for cells in fitting)]
 
     def share(cells: Sequence[str]) -> float:
         return sum(says_number(cells[k]) for k in numeric) / len(numeric)
@@ -286,7 +283,7 @@ def text_layout(
     best, most = None, 0
     for mark in (delimiter,) if delimiter else _DELIMITERS:
         rows = _line_rows(lines, mark)
-        score = _score(rows)
+        score = sum(is_number(cell) for _, cells in rows[-_TAIL:] for cell in cells)
         if score > most:
             stripped = [
                 (i, line.lstrip().lstrip("#%/").strip())

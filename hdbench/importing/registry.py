@@ -14,11 +14,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from mmap import mmap
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 
 from hdbench.errors import DataError, HdbenchError, UsageError, told_error
+from hdbench.importing.layout import ForeignFormat
 from hdbench.importing.source import (
     PIECE_ROWS,
     Asked,
@@ -31,9 +32,6 @@ from hdbench.importing.source import (
 )
 from hdbench.records.storage import checked_size, read_errors
 from hdbench.system.children import shared_memory, start_child
-
-if TYPE_CHECKING:
-    from hdbench.importing.layout import ForeignFormat
 
 _HEAD = 1024
 # threads of a library would hold memory of their own; its allocator has to heed the limit

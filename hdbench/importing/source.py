@@ -286,10 +286,9 @@ def _plain(source: Source, channel: Channel) -> Channel:
 def finite_or_nan(value: object) -> float:
     """Return a number of a record; NaN for anything that is none."""
     try:
-        number = float(value)  # type: ignore[arg-type]
+        return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         return math.nan
-    return number
 
 
 def numbers(values: NDArray[Any]) -> NDArray[Any] | None:

@@ -22,15 +22,11 @@ _TIME = re.compile(
 )
 
 
-def _scales() -> dict[str, dict[str, Decimal]]:
-    """Return what another unit is worth, by our unit and its spelling."""
-    return {
-        ours: {word: Decimal(worth) for worth, words in table.items() for word in words}
-        for ours, table in packaged_toml(__package__, "units.toml").items()
-    }
-
-
-_SCALES = _scales()
+# what another unit is worth, by our unit and its spelling
+_SCALES = {
+    ours: {word: Decimal(worth) for worth, words in table.items() for word in words}
+    for ours, table in packaged_toml(__package__, "units.toml").items()
+}
 
 
 def _spelled(unit: str, wanted: str) -> str:

@@ -16,7 +16,7 @@ from hdbench.profile.scaling import calibration_time, measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
 from hdbench.records.csvtext import csv_text, safe_cell
 from hdbench.records.runfolder import moment_of
-from hdbench.results import RESULT_TYPES, CalibrationResult, Part, RippleResult
+from hdbench.results import RESULT_TYPES, CalibrationResult, DiagnosisResult, Part, RippleResult
 from hdbench.trend.charts import EWMA_WEIGHT, Change, Chart, History, Limits, Signal, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
 
@@ -40,7 +40,6 @@ class _Run:
     moment: datetime
     dated: bool
     result: Any
-    manifest: Mapping[str, Any]
 
 
 def trend_of_runs(
@@ -166,20 +165,15 @@ def _usable(
         if any(body.get(key) for key in ("doubts", "flags", "data_flags")):
             left_out.append(_left_out(run, "its data are doubtful"))
             continue
-        found = _Run(run, moment, dated, result, manifest)
-        key = (run.kind, _data_hash(found))
+        hashes = [manifest["files"].get(name) for name in _DATA]
+        if isinstance(result, DiagnosisResult):
+            hashes.append(result.input_sha256)
+        key = (run.kind, str(next(filter(None, hashes), run.path.name)))
         if key in newest:
             older = newest[key].summary
             left_out.append(_left_out(older, f"the same data as {run.path.name}"))
-        newest[key] = found
+        newest[key] = _Run(run, moment, dated, result)
     yield from newest.values()
-
-
-def _data_hash(run: _Run) -> str:
-    files = run.manifest["files"]
-    stored = next((files[name] for name in _DATA if name in files), None)
-    own = run.result.input_sha256 if run.summary.kind == "diagnosis" else None
-    return str(stored or own or run.summary.path.name)
 
 
 def _measured(run: RunSummary, manifest: Mapping[str, Any]) -> tuple[datetime, bool]:

@@ -29,18 +29,8 @@ class NamedArray:
     unit: str = ""  # as the file states it
 
 
-@dataclass(frozen=True, slots=True)
-class _Column:
-    array: NamedArray
-    column: int | None = None
-    field: str | None = None
-
-    def take(self, rows: NDArray[Any]) -> NDArray[Any]:
-        if self.field is not None:
-            rows = rows[self.field]
-        if self.column is not None:
-            rows = rows[:, self.column]
-        return np.asarray(rows).reshape(-1)
+# an array, and the index of a channel in its rows: of a column, a field, or the vector itself
+_Place = tuple[NamedArray, Any]
 
 
 class ArraySource(Source):
@@ -58,7 +48,7 @@ class ArraySource(Source):
         close: Callable[[], None] | None = None,
     ) -> None:
         super().__init__(path, form, close)
-        made: list[tuple[Channel, _Column]] = []
+        made: list[tuple[Channel, _Place]] = []
         told: list[str] = []
         for array in arrays:
             if int(np.prod(array.shape, dtype=object)) == 1 and array.dtype.kind in "fiu":
@@ -72,44 +62,39 @@ class ArraySource(Source):
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield rows of the arrays."""
         columns = {name: self._columns[name] for name in names}
-        arrays = {id(column.array): column.array for column in columns.values()}
+        arrays = {id(array): array for array, _ in columns.values()}
         rows = next(iter(arrays.values())).shape[0]
         most = piece_rows(sum(a.dtype.itemsize * (*a.shape, 1)[1] // 8 for a in arrays.values()))
         for start, count in spans(rows, most):
-            read: dict[int, NDArray[Any]] = {}
+            read = {key: array.read(start, start + count) for key, array in arrays.items()}
             piece = {}
-            for name, column in columns.items():
-                key = id(column.array)
-                if key not in read:
-                    read[key] = column.array.read(start, start + count)
-                values = numbers(column.take(read[key]))
+            for name, (array, index) in columns.items():
+                values = numbers(np.asarray(read[id(array)][index]).reshape(-1))
                 piece[name] = np.full(count, np.nan) if values is None else values
             yield piece
 
 
-def _channels(array: NamedArray) -> list[tuple[Channel, _Column]]:
+def _channels(array: NamedArray) -> list[tuple[Channel, _Place]]:
     shape = array.shape
     if not shape or len(shape) > 2 or (shape[-1] == 0 and len(shape) > 1):
         return []
     rows = shape[0]
     clock = f"{array.name.rpartition('/')[0]}:{rows}"
-    found: list[tuple[Channel, _Column]] = []
+    found: list[tuple[Channel, _Place]] = []
 
-    def add(name: str, dtype: np.dtype[Any], column: _Column, within: str) -> None:
+    def add(name: str, dtype: np.dtype[Any], index: Any, within: str) -> None:
         if dtype.kind in _KINDS:
             unit = array.unit or stated_unit(name) or ("ns" if dtype.kind in "mM" else "")
-            found.append((Channel(name, unit, within, is_time_name(name), rows), column))
+            found.append((Channel(name, unit, within, is_time_name(name), rows), (array, index)))
 
     if array.dtype.names:
         for field in array.dtype.names if len(shape) == 1 else ():
             dtype = array.dtype[field]
             if not dtype.shape:
-                add(f"{array.name}/{field}", dtype, _Column(array, field=field), array.name)
-    elif len(shape) == 1:
-        add(array.name, array.dtype, _Column(array), clock)
-    elif shape[1] == 1:
-        add(array.name, array.dtype, _Column(array, 0), clock)
+                add(f"{array.name}/{field}", dtype, field, array.name)
+    elif len(shape) == 1 or shape[1] == 1:
+        add(array.name, array.dtype, ..., clock)
     elif shape[1] <= MOST_COLUMNS:
         for k in range(shape[1]):
-            add(f"{array.name}[{k}]", array.dtype, _Column(array, k), clock)
+            add(f"{array.name}[{k}]", array.dtype, (slice(None), k), clock)
     return found

@@ -56,13 +56,7 @@ def open_file(path: Path) -> Source:
             where=str(path),
             fix="check the file; numbers that are stored as text need a number format",
         )
-    return _Workbook(path, _FORM, tables, book.close)
-
-
-class _Workbook(CellsSource):
-    @staticmethod
-    def text(cell: Any) -> str:
-        return _text(cell)
+    return CellsSource(path, _FORM, tables, book.close, _text)
 
 
 def _cells(sheet: Any) -> Iterator[tuple[int, list[Any]]]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -134,10 +136,9 @@ def _object(text: _Text, other: dict[str, Any]) -> Iterator[_Record]:
                 continue
             values: list[Any] = []
             while text.peek() not in ("]", ""):
+                value = text.value()
                 if len(values) < source.MOST_CHANNELS:
-                    values.append(text.value())
-                else:
-                    text.value()
+                    values.append(value)
             text.skip("]")
             own[key] = values
         else:
@@ -171,25 +172,20 @@ class _JsonSource(source.Source):
     def __init__(self, path: Path) -> None:
         super().__init__(path, _FORM)
         other: dict[str, Any] = {}
-        kinds: dict[tuple[str, str], bool] = {}
+        useful: dict[tuple[str, str], bool] = defaultdict(bool)
         stamped: set[tuple[str, str]] = set()
-        for k, (group, record) in enumerate(self._all(other)):
+        for group, record in islice(self._all(other), _PROBED + 1):
             for key, value in record.items():
-                found = kinds.get((group, key), False)
-                kinds[group, key] = found or isinstance(value, int | float | str)
+                useful[group, key] |= isinstance(value, int | float | str)
                 if isinstance(value, str) and stamp_seconds(value) is not None:
                     stamped.add((group, key))
-            if k >= _PROBED:
-                break
-        kept = [pair for pair, useful in kinds.items() if useful]
-        self._keys = self.hold(
-            [
-                (source.Channel(f"{g}{key}", "s", g, True), (g, key))
-                if (g, key) in stamped
-                else (source.Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)), (g, key))
-                for g, key in kept
-            ]
-        )
+        made = []
+        for group, key in (place for place, is_useful in useful.items() if is_useful):
+            is_stamp = (group, key) in stamped
+            unit = "s" if is_stamp else stated_unit(key)
+            timed = is_stamp or is_time_name(key)
+            made.append((source.Channel(f"{group}{key}", unit, group, timed), (group, key)))
+        self._keys = self.hold(made)
         self.notes = tuple(
             f"{source.spelled(key)} = {source.spelled(str(value))[:40]}"
             for key, value in other.items()
@@ -203,17 +199,10 @@ class _JsonSource(source.Source):
     def pieces(self, names: Sequence[str]) -> Iterator[source.Piece]:
         keys = [self._keys[name][1] for name in names]
         group = self._keys[names[0]][0]
-        rows: list[list[Any]] = []
         most = source.piece_rows(8 * len(names))
-        for found, record in self._all({}):
-            if found != group:
-                continue
-            rows.append([record.get(key) for key in keys])
-            if len(rows) == most:
-                yield _piece(names, rows)
-                rows = []
-        if rows:
-            yield _piece(names, rows)
+        rows = (list(map(record.get, keys)) for found, record in self._all({}) if found == group)
+        while some := list(islice(rows, most)):
+            yield _piece(names, some)
 
 
 def _piece(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> source.Piece:

@@ -64,15 +64,17 @@ class CellsSource(Source):
         form: str,
         tables: Sequence[CellTable],
         close: Callable[[], None] | None = None,
+        text: Callable[[Any], str] = str,
     ) -> None:
         super().__init__(path, form, close)
+        self._text = text
         self._tables = {table.prefix: table for table in tables}
         made: list[tuple[Channel, int]] = []
         probes: list[list[str]] = []
         stamps: list[str] = []
         for table in tables:
             layout = table.layout
-            first = [[*map(self.text, row)] for _, row in islice(table.rows(0), SEARCHED_LINES)]
+            first = [[*map(text, row)] for _, row in islice(table.rows(0), SEARCHED_LINES)]
             probes += first
             for k in range(layout.width):
                 name = layout.names[k] if layout.names else str(k + 1)
@@ -105,16 +107,11 @@ class CellsSource(Source):
                     for name, k in columns.items()
                 }
                 done += len(values[0])
-        kept: list[list[Any]] = []
         # a cell of text takes as much memory as eight numbers
         most = piece_rows(8 * table.layout.width)
-        for _, row in table.rows(done):
-            kept.append(row)
-            if len(kept) == most:
-                yield self._piece(kept, columns)
-                kept = []
-        if kept:
-            yield self._piece(kept, columns)
+        rows = (row for _, row in table.rows(done))
+        while some := list(islice(rows, most)):
+            yield self._piece(some, columns)
 
     def _piece(self, rows: Sequence[Sequence[Any]], columns: dict[str, int]) -> Piece:
         piece: dict[str, NDArray[Any]] = {}
@@ -123,13 +120,8 @@ class CellsSource(Source):
             if name in self.rounded and _NUMBERS.issuperset(map(type, cells)):
                 piece[name] = np.array(cells, dtype=np.float64)
             else:
-                piece[name] = text_cells([*map(self.text, cells)])
+                piece[name] = text_cells([*map(self._text, cells)])
         return piece
-
-    @staticmethod
-    def text(cell: Any) -> str:
-        """Return a cell as text."""
-        return str(cell)
 
     def place(self, row: int) -> str:
         """Return the line of a row."""
