@@ -68,7 +68,7 @@ def _import(form: str, file: Path, out: Path) -> str:
     maps = dict(text.split("=", 1) for text in MAPS[form])
     recipe = Recipe(map=maps, joint=joint)
     try:
-        source = open_source(file, recipe.layout)
+        source = open_source(file, recipe)
         try:
             list_channels(source)
         finally:

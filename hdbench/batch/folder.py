@@ -255,11 +255,7 @@ def summary_of(rows: Iterable[Mapping[str, Any]], kept: int) -> dict[str, int]:
         ``done``, ``failed``, ``skipped``; together all rows.
     """
     results = [row["result"] is not None for row in rows]
-    return {
-        "done": sum(results) - kept,
-        "failed": len(results) - sum(results),
-        "skipped": kept,
-    }
+    return {"done": sum(results) - kept, "failed": len(results) - sum(results), "skipped": kept}
 
 
 def read_table(folder: Path) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from itertools import islice
 from types import ModuleType
 from typing import Any
 
@@ -165,12 +166,8 @@ def _run(
 
     def fill() -> None:
         # one waits at the scheduler, so that no worker waits for us
-        while len(held) <= seats.count():
-            for task in tasks:
-                start(task, 0)
-                break
-            else:
-                return
+        for task in islice(tasks, max(0, seats.count() + 1 - len(held))):
+            start(task, 0)
 
     fill()
     while held:

@@ -65,7 +65,7 @@ def _sources(
     found = {name: name for name in known if name not in constants}
     if recipe.rate_hz is not None:
         found.pop("time_s", None)
-    found |= {m.target: m.text for m in _of_file(recipe.maps(), number)}
+    found |= _of_file(recipe.entries("map"), number)
     both = sorted(set(constants) & set(found))
     if both:
         raise UsageError(
@@ -76,9 +76,9 @@ def _sources(
     return found
 
 
-def _of_file(entries: Sequence[Entry], number: int) -> list[Entry]:
-    """Return what is for one file; an entry for this file comes behind one for all."""
-    return [entry for wanted in (None, number) for entry in entries if entry.file == wanted]
+def _of_file(entries: Sequence[Entry], number: int) -> dict[str, str]:
+    """Return what is for one file, by column; an entry for this file comes behind one for all."""
+    return {e.target: e.text for wanted in (None, number) for e in entries if e.file == wanted}
 
 
 def _conversions(
@@ -136,7 +136,7 @@ def _since_1904(source: Source, time: str) -> list[str]:
 
 
 def _check(recipe: Recipe, files: Sequence[Path], out: Path) -> None:
-    entries = [*recipe.maps(), *recipe.constants()]
+    entries = [*recipe.entries("map"), *recipe.entries("set")]
     for entry in entries:
         if entry.file is not None and entry.file > len(files):
             raise UsageError(
@@ -164,8 +164,8 @@ def import_files(
         parts: list[Part] = []
         notes: list[str] = []
         for number, file in enumerate(files, 1):
-            source = stack.enter_context(closing(open_source(file, recipe.layout, recipe.asked)))
-            constants = {c.target: c.text for c in _of_file(recipe.constants(), number)}
+            source = stack.enter_context(closing(open_source(file, recipe)))
+            constants = _of_file(recipe.entries("set"), number)
             named = _sources(recipe, constants, source, number)
             found, told = _conversions(recipe, named, source, gear_ratio)
             parts.append(Part(source, found, constants))

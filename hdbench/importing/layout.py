@@ -15,7 +15,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date
 from decimal import Decimal, InvalidOperation
@@ -99,18 +99,6 @@ def uses_decimal_comma(rows: Sequence[Sequence[str]]) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class ForeignFormat:
-    """How a text file is laid out."""
-
-    delimiter: str | None = None  # character between columns; None finds it
-    header: bool = True  # whether rows of names may stand above the data
-    skip: int = 0  # lines that are passed over before the table is looked for
-    # data logger that wrote the file, or `auto`: a column of time has to be there, and units that
-    # are stated are turned into ours
-    logger: Logger | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class TableLayout:
     """Where a table is."""
 
@@ -134,12 +122,20 @@ def is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENTS)
 
 
-def split(lines: Sequence[str] | Iterator[str], delimiter: str) -> Iterator[list[str]]:
-    """Split lines into cells; raises csv.Error where quotes do not match."""
+def split(lines: Iterable[str], delimiter: str) -> Iterator[_Row]:
+    """Split lines into cells, with the number of the line on which each row ends, from 1.
+
+    Raises csv.Error where quotes do not match.
+    """
     if delimiter == " ":
-        yield from (line.split() for line in lines)
+        yield from enumerate(map(str.split, lines), 1)
     else:
-        yield from csv.reader(lines, delimiter=delimiter, strict=True)
+        reader = csv.reader(lines, delimiter=delimiter, strict=True)
+        yield from ((reader.line_num, row) for row in reader)
+
+
+def _split_line(line: str, delimiter: str) -> list[str]:
+    return next(split([line], delimiter), (1, []))[1]
 
 
 def _line_rows(lines: Sequence[str], delimiter: str) -> list[_Row]:
@@ -147,7 +143,7 @@ def _line_rows(lines: Sequence[str], delimiter: str) -> list[_Row]:
     for place, line in enumerate(lines):
         if line.strip() and not is_comment(line):
             try:
-                cells = next(split([line], delimiter), [])
+                cells = _split_line(line, delimiter)
             except csv.Error:
                 continue
             if _filled(cells):
@@ -290,8 +286,6 @@ def text_layout(
                 for i, line in enumerate(lines)
                 if is_comment(line)
             ]
-            comments = [
-                (i, next(split([text], mark), [])) for i, text in stripped if '"' not in text
-            ]
+            comments = [(i, _split_line(text, mark)) for i, text in stripped if '"' not in text]
             best, most = table_layout(rows, mark, named=named, comments=comments), score
     return best

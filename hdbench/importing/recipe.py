@@ -14,8 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.source import Asked
+from hdbench.importing.layout import Logger
 from hdbench.records.csvtext import read_text
 from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
@@ -79,8 +78,12 @@ class Recipe(Part, kw_only=False, closed=True):
     velocity_from_angle_hz: _Rate = None
     keep_time: _Flag = False
     delimiter: Literal["auto", "comma", "semicolon", "tab", "blank"] = "auto"
-    from_logger: Literal["auto", "labjack", "dataq"] | None = None
+    # data logger that wrote the file, or `auto`: a column of time has to be there, and units that
+    # are stated are turned into ours
+    from_logger: Logger | None = None
+    # lines that are passed over before the table is looked for
     skip: Annotated[int, Field(strict=True, ge=0)] = 0
+    # whether no rows of names stand above the data
     no_header: _Flag = False
 
     def changed(self) -> dict[str, Any]:
@@ -104,28 +107,15 @@ class Recipe(Part, kw_only=False, closed=True):
                 words += [option, *([] if value is True else [str(value)])]
         return words
 
-    def maps(self) -> list[Entry]:
-        """Return where columns come from."""
-        return self._entries("--map", self.map)
-
-    def constants(self) -> list[Entry]:
-        """Return the columns with one value."""
-        return self._entries("--set", self.set)
-
-    def _entries(self, option: str, texts: Mapping[str, str]) -> list[Entry]:
-        known = _COLUMNS[self.kind]
-        return [parse_entry(option, f"{name}={text}", known) for name, text in texts.items()]
+    def entries(self, name: Literal["map", "set"]) -> list[Entry]:
+        """Return where columns come from, or the columns with one value."""
+        option, texts, known = f"--{name}", getattr(self, name), _COLUMNS[self.kind]
+        return [parse_entry(option, f"{target}={text}", known) for target, text in texts.items()]
 
     @property
-    def layout(self) -> ForeignFormat:
-        """Layout of a text."""
-        mark = _DELIMITERS[self.delimiter]
-        return ForeignFormat(mark, not self.no_header, self.skip, self.from_logger)
-
-    @property
-    def asked(self) -> Asked:
-        """Topic and joint."""
-        return Asked(self.topic, self.joint)
+    def mark(self) -> str | None:
+        """Character between columns; None finds it."""
+        return _DELIMITERS[self.delimiter]
 
 
 def read_recipe(path: Path) -> Recipe:

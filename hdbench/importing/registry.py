@@ -6,10 +6,11 @@ import atexit
 import importlib
 import json
 import os
+import re
 import sys
 import threading
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from mmap import mmap
@@ -19,17 +20,8 @@ from typing import IO, Any
 import numpy as np
 
 from hdbench.errors import DataError, HdbenchError, UsageError, told_error
-from hdbench.importing.layout import ForeignFormat
-from hdbench.importing.source import (
-    PIECE_ROWS,
-    Asked,
-    Channel,
-    Piece,
-    Source,
-    damaged,
-    text_cells,
-    told,
-)
+from hdbench.importing.recipe import Recipe
+from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, damaged, text_cells, told
 from hdbench.records.storage import checked_size, read_errors
 from hdbench.system.children import shared_memory, start_child
 
@@ -45,8 +37,11 @@ _SETTINGS = {
 _MOST_FILES = 200
 # what the process that reads puts its numbers into
 _SHARED_BYTES = 8 << 20
-_WORKBOOKS = (".xlsx", ".xlsm")
 _KINDS = ("<f8", "<i8", "<u8")
+# MATLAB 7.3 puts 512 bytes of its own before
+_HDF5 = rb"(?s:.{512})?\x89HDF\r\n\x1a\n"
+_ROS = rb"SQLite format 3\0|#ROSBAG V2\.0|\x89MCAP0\r\n"
+_JSON = rb"(?:\xef\xbb\xbf)?\s*(?:\{|\[ ?\{|\[[\r\n])"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,112 +52,66 @@ class Format:
     module: str  # reader, a module of `hdbench.importing.readers` with `open_file(path)`
     # usual ends of the name: a file so named that does not begin so is damaged
     endings: tuple[str, ...]
-    # whether a file that begins with these bytes is of this kind
-    begins: Callable[[bytes, Path], bool]
-    # what reads it in a process of its own, and the extra that brings it; empty where there is
-    # none
+    begins: bytes  # regular expression of its first bytes
+    # what reads it in a process of its own, brought by the extra that is called as the module;
+    # empty where there is none
     library: str = ""
-    extra: str = ""
-
-
-def _magic(*magic: bytes) -> Callable[[bytes, Path], bool]:
-    return lambda head, _path: head.startswith(magic)
-
-
-def _workbook(head: bytes, path: Path) -> bool:
-    if not head.startswith(b"PK\x03\x04"):
-        return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return any(name.startswith("xl/") for name in archive.namelist())
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        return path.suffix.lower() in _WORKBOOKS
-
-
-def _numpy(head: bytes, path: Path) -> bool:
-    packed = head.startswith(b"PK\x03\x04")
-    return head.startswith(b"\x93NUMPY") or (packed and not _workbook(head, path))
-
-
-def _hdf5(head: bytes, _path: Path) -> bool:
-    # MATLAB 7.3 puts 512 bytes of its own before
-    magic = b"\x89HDF\r\n\x1a\n"
-    return head.startswith(magic) or head[512:520] == magic
-
-
-def _json(head: bytes, _path: Path) -> bool:
-    return (
-        head.removeprefix(b"\xef\xbb\xbf")
-        .lstrip()
-        .startswith((b"{", b"[{", b"[ {", b"[\n", b"[\r"))
-    )
 
 
 FORMATS = (
-    Format("Excel workbook", "excel", _WORKBOOKS, _workbook, "openpyxl", "excel"),
-    Format("NumPy file", "npz", (".npz", ".npy"), _numpy),
+    Format("Excel workbook", "excel", (".xlsx", ".xlsm"), rb"PK\x03\x04", "openpyxl"),
+    Format("NumPy file", "npz", (".npz", ".npy"), rb"\x93NUMPY|PK\x03\x04"),
     # SciPy is always there; some damaged files crash it
-    Format("MATLAB 5 file", "mat5", (".mat",), _magic(b"MATLAB 5.0 MAT-file"), "scipy.io"),
-    Format("HDF5 file", "hdf5", (".mat", ".h5", ".hdf5", ".hdf"), _hdf5, "h5py", "hdf5"),
-    Format("Parquet file", "parquet", (".parquet",), _magic(b"PAR1"), "pyarrow", "parquet"),
-    Format("TDMS file", "tdms", (".tdms",), _magic(b"TDSm"), "nptdms", "tdms"),
-    Format(
-        "MDF file",
-        "mdf",
-        (".mf4", ".mdf", ".dat"),
-        _magic(b"MDF     ", b"UnFinMF "),
-        "asammdf",
-        "mdf",
-    ),
-    Format(
-        "ROS bag",
-        "ros",
-        (".db3", ".bag", ".mcap"),
-        _magic(b"SQLite format 3\0", b"#ROSBAG V2.0", b"\x89MCAP0\r\n"),
-        "rosbags",
-        "ros",
-    ),
-    Format("JSON file", "jsonrecords", (".json", ".jsonl", ".ndjson"), _json),
+    Format("MATLAB 5 file", "mat5", (".mat",), rb"MATLAB 5\.0 MAT-file", "scipy.io"),
+    Format("HDF5 file", "hdf5", (".mat", ".h5", ".hdf5", ".hdf"), _HDF5, "h5py"),
+    Format("Parquet file", "parquet", (".parquet",), rb"PAR1", "pyarrow"),
+    Format("TDMS file", "tdms", (".tdms",), rb"TDSm", "nptdms"),
+    Format("MDF file", "mdf", (".mf4", ".mdf", ".dat"), rb"MDF     |UnFinMF ", "asammdf"),
+    Format("ROS bag", "ros", (".db3", ".bag", ".mcap"), _ROS, "rosbags"),
+    Format("JSON file", "jsonrecords", (".json", ".jsonl", ".ndjson"), _JSON),
 )
 
 
-def _head(path: Path) -> bytes:
-    if path.is_dir():
-        return b""
-    checked_size(path, limit=sys.maxsize, what="log")
-    with read_errors(path), path.open("rb") as file:
-        return file.read(_HEAD)
-
-
-def _chosen(path: Path, head: bytes) -> Format | None:
+def _chosen(path: Path) -> Format | None:
     """Return the kind of a file; None for text."""
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
             return next(kind for kind in FORMATS if kind.module == "ros")
         what = "a folder without metadata.yaml; needed: a log, or the folder of a ROS 2 bag"
         raise DataError(what, where=str(path), fix="name the file itself")
-    found = next((kind for kind in FORMATS if kind.begins(head, path)), None)
+    checked_size(path, limit=sys.maxsize, what="log")
+    with read_errors(path), path.open("rb") as file:
+        head = file.read(_HEAD)
+    kinds = [kind for kind in FORMATS if re.match(kind.begins, head)]
+    if kinds and kinds[0].module == "excel" and not _holds_workbook(path):
+        kinds.pop(0)
     named = [kind for kind in FORMATS if path.suffix.lower() in kind.endings]
     # MDF is not the only one that ends with .dat, and text may end with anything
     binary = b"\0" in head or not head.strip()
-    if found is None and named and (binary or path.suffix.lower() not in (".dat", ".json")):
-        kinds = " or ".join(kind.name for kind in named)
+    if not kinds and named and (binary or path.suffix.lower() not in (".dat", ".json")):
+        needed = " or ".join(kind.name for kind in named)
         raise DataError(
-            f"begins with {head[:8]!r}; needed: the first bytes of a {kinds}",
+            f"begins with {head[:8]!r}; needed: the first bytes of a {needed}",
             where=str(path),
             fix="copy the file again; if it is text, give it the ending .csv",
         )
-    return found
+    return next(iter(kinds), None)
 
 
-def open_source(
-    path: Path, layout: ForeignFormat | None = None, asked: Asked | None = None
-) -> Source:
-    """Open a foreign file."""
-    path = Path(path)
-    kind = _chosen(path, _head(path))
+def _holds_workbook(path: Path) -> bool:
     try:
-        source = _opened(path, kind, layout)
+        with zipfile.ZipFile(path) as archive:
+            return any(name.startswith("xl/") for name in archive.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return path.suffix.lower() in FORMATS[0].endings
+
+
+def open_source(path: Path, recipe: Recipe | None = None) -> Source:
+    """Open a foreign file with the channels that a recipe asks for."""
+    path, recipe = Path(path), recipe or Recipe()
+    kind = _chosen(path)
+    try:
+        source = _opened(path, kind, recipe)
     except Exception as error:
         form = "text" if kind is None else kind.name
         raise told(path, form, error) from error
@@ -170,17 +119,16 @@ def open_source(
         source.close()
         what = f"no channel of numbers in this {source.form}; needed: at least one"
         raise DataError(what, where=str(path), fix="check the file, or record again")
-    if asked is not None:
-        source.keep(asked)
+    source.keep(recipe.topic, recipe.joint)
     return source
 
 
-def _opened(path: Path, kind: Format | None, layout: ForeignFormat | None) -> Source:
+def _opened(path: Path, kind: Format | None, recipe: Recipe) -> Source:
     if kind is not None and kind.library:
-        return IsolatedSource(path, kind.name, kind.module, kind.library, kind.extra)
+        return IsolatedSource(path, kind.name, kind.module, kind.library, kind.module)
     name = "text" if kind is None else kind.module
     module: Any = importlib.import_module(f"hdbench.importing.readers.{name}")
-    source: Source = module.open_file(path, layout) if kind is None else module.open_file(path)
+    source: Source = module.open_file(path, recipe) if kind is None else module.open_file(path)
     return source
 
 

@@ -38,35 +38,23 @@ class Channel:
     rows: int | None = None  # number of samples where that is known without reading them
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """Which channels of a file are of interest."""
-
-    topic: str | None = None  # topic, sheet, group or folder of channels; None for all
-    joint: str | None = None  # joint; None for all
-
-    def left(self, channels: Sequence[Channel]) -> list[Channel]:
-        """Return the channels that are asked for; what is of no joint stays, and every time."""
-        topic = [c for c in channels if self.topic is None or _of_topic(c.name, self.topic)]
-        clocks = {c.clock for c in topic}
-        if self.joint is None:
-            dropped = re.compile("$.")
-        else:
-            around = {a for c in topic for a in _around(c.name, self.joint)}
-            if not around:
-                return []
-            either = "|".join(f"{re.escape(a)}[^/]+{re.escape(b)}" for a, b in around)
-            own = "|".join(re.escape(f"{a}{self.joint}{b}") for a, b in around)
-            dropped = re.compile(f"(?!(?:{own})$)(?:{either})")
-        return [
-            c
-            for c in channels
-            if (c in topic and not dropped.fullmatch(c.name)) or (c.is_time and c.clock in clocks)
-        ]
-
-
-def _of_topic(name: str, topic: str) -> bool:
-    return f"/{topic.strip('/')}/" in f"/{name.strip('/')}"
+def _asked_for(channels: Sequence[Channel], topic: str | None, joint: str | None) -> list[Channel]:
+    """Return the channels of a topic and joint; what is of no joint stays, and every time."""
+    if topic is None:
+        kept = [*channels]
+    else:
+        kept = [c for c in channels if f"/{topic.strip('/')}/" in f"/{c.name.strip('/')}"]
+    clocks = {c.clock for c in kept}
+    if joint is not None:
+        around = {a for c in kept for a in _around(c.name, joint)}
+        if not around:
+            return []
+        either = "|".join(f"{re.escape(a)}[^/]+{re.escape(b)}" for a, b in around)
+        own = "|".join(re.escape(f"{a}{joint}{b}") for a, b in around)
+        dropped = re.compile(f"(?!(?:{own})$)(?:{either})")
+        kept = [c for c in kept if not dropped.fullmatch(c.name)]
+    names = {c.name for c in kept}
+    return [c for c in channels if c.name in names or (c.is_time and c.clock in clocks)]
 
 
 def _around(name: str, joint: str) -> list[tuple[str, str]]:
@@ -127,12 +115,15 @@ class Source(ABC):
         if self._close is not None:
             self._close()
 
-    def keep(self, asked: Asked) -> None:
-        """Leave only the channels that were asked for; times stay with their clock."""
-        kept = asked.left(self.channels)
+    def keep(self, topic: str | None, joint: str | None) -> None:
+        """Leave only the channels of a topic and a joint; times stay with their clock.
+
+        A topic is a topic, a sheet, a group or a folder of channels; None means all.
+        """
+        kept = _asked_for(self.channels, topic, joint)
         if not kept:
             raise UsageError(
-                f"no channel of {asked.topic or 'any topic'} and joint {asked.joint or 'any'}",
+                f"no channel of {topic or 'any topic'} and joint {joint or 'any'}",
                 where=f"{self.path}, --topic, --joint",
                 fix=f"there are: {listed(c.name for c in self.channels)}",
             )

@@ -25,9 +25,6 @@ from hdbench.records.storage import write_atomic
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.records.tracefile import trace_lines
 
-# rows converted at a time: bounds the memory that Python floats take on the way
-_CHUNK_ROWS = 20_000
-
 
 @dataclass(slots=True)
 class SampleGroup:
@@ -78,7 +75,7 @@ class JournalSamples:
         return Trace(columns, source)
 
     def write(self, path: Path) -> None:
-        """Write the trace as `write_trace` does, with memory for a few thousand rows."""
+        """Write the trace as `write_trace` does, with memory for one block."""
         where = str(self.source) if isinstance(self.source, Path) else "<memory>"
         if not len(self) or "time_s" not in self.names:
             raise DataError(
@@ -87,26 +84,11 @@ class JournalSamples:
         write_atomic(path, trace_lines(self.names, self._pieces(), where))
 
     def _pieces(self) -> Iterator[list[FloatArray]]:
-        """Yield the channels over some thousand rows at a time."""
-        for blocks in self._chunks():
-            yield [
-                np.concatenate(
-                    [block.columns.get(name, np.full(block.rows, np.nan)) for block in blocks]
-                ).astype(np.float64)
-                for name in self.names
-            ]
-
-    def _chunks(self) -> Iterator[list[JournalBlock]]:
-        waiting: list[JournalBlock] = []
-        rows = 0
+        """Yield the channels block by block."""
+        names = self.names
         for block in self.blocks():
-            waiting.append(block)
-            rows += block.rows
-            if rows >= _CHUNK_ROWS:
-                yield waiting
-                waiting, rows = [], 0
-        if waiting:
-            yield waiting
+            lost = np.full(block.rows, np.nan)
+            yield [block.columns.get(name, lost).astype(np.float64) for name in names]
 
 
 def survey_samples(

@@ -171,8 +171,4 @@ def result_header(kind: str, profile: ProfileIdentity | None) -> dict[str, Any]:
     from hdbench import __version__
 
     identity = None if profile is None else {"name": profile.name, "sha256": profile.sha256}
-    return {
-        "schema": f"hdbench/{kind}/1",
-        "hdbench_version": __version__,
-        "profile": identity,
-    }
+    return {"schema": f"hdbench/{kind}/1", "hdbench_version": __version__, "profile": identity}

@@ -269,11 +269,8 @@ def read_loads(path: Path, arm: ArmLike | None) -> Loads:
         _reading(_Row(path, line, dict(zip(table.header, row, strict=True))), arm)
         for line, row in zip(table.lines, table.rows, strict=True)
     )
-    extra = {
-        name: tuple(row[index] for row in table.rows)
-        for index, name in enumerate(table.header)
-        if name not in LOADS_COLUMNS
-    }
+    columns = zip(table.header, zip(*table.rows, strict=True), strict=True)
+    extra = {name: cells for name, cells in columns if name not in LOADS_COLUMNS}
     course = read_sequence(path.with_name(SEQUENCE_NAME))
     return Loads(readings, str(path), {"sequence": course} if course else {}, extra)
 
@@ -297,10 +294,11 @@ def write_loads(path: Path, loads: Loads) -> None:
     """Write loads atomically; `read_loads` gives the same readings back."""
     if not loads.readings:
         raise DataError("no readings", where=loads.source, fix="take at least one reading")
-    optional = [
-        name for name in _OPTIONAL if any(getattr(r, name) is not None for r in loads.readings)
+    names = [
+        name
+        for name in LOADS_COLUMNS
+        if name not in _OPTIONAL or any(getattr(r, name) is not None for r in loads.readings)
     ]
-    names = [name for name in LOADS_COLUMNS if name not in _OPTIONAL or name in optional]
     rows = []
     for index, reading in enumerate(loads.readings):
         values = [getattr(reading, name) for name in names]

@@ -208,9 +208,7 @@ def _store(file: Path, rows: Iterable[tuple[bytes, str, str]], gone: Iterable[by
 
 
 def select_runs(
-    runs: Iterable[RunSummary],
-    wanted: Mapping[str, Iterable[str]],
-    since: datetime | None = None,
+    runs: Iterable[RunSummary], wanted: Mapping[str, Iterable[str]], since: datetime | None = None
 ) -> list[RunSummary]:
     """Return the runs that have one of the wanted values in every field named.
 

@@ -339,11 +339,7 @@ def write_junit(file: Path, report: RegressionReport) -> None:
     """
     errors = len(report.errors)
     failed = sum(not case.passed for case in report.cases) - errors
-    counts = {
-        "tests": str(len(report.cases)),
-        "failures": str(failed),
-        "errors": str(errors),
-    }
+    counts = {"tests": str(len(report.cases)), "failures": str(failed), "errors": str(errors)}
     root = ElementTree.Element("testsuites", counts)
     suite = ElementTree.SubElement(root, "testsuite", {"name": _plain(report.folder), **counts})
     for case in report.cases:

@@ -226,7 +226,7 @@ def test_a_formula_in_a_file_is_never_run(tmp_path):
     with asammdf.MDF(version="4.10") as file:
         file.append([plain, formula])
         file.save(tmp_path / "log.mf4")
-    source = open_source(tmp_path / "log.mf4", recipe("mdf").layout)
+    source = open_source(tmp_path / "log.mf4", recipe("mdf"))
     assert [channel.name for channel in source.channels] == ["group1/time", "group1/torque"]
     assert "not run" in source.notes[0]
     source.close()
@@ -266,7 +266,7 @@ def test_names_that_cannot_be_used_are_refused(text, word, tmp_path):
 def test_a_column_of_remarks_without_a_remark_keeps_the_names(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("time,torque,speed,remarks\n" + "".join(f"{k},1,2,\n" for k in range(9)))
-    source = open_source(file, recipe("text").layout)
+    source = open_source(file, recipe("text"))
     assert [channel.name for channel in source.channels] == ["time", "torque", "speed", "remarks"]
 
 

@@ -26,7 +26,7 @@ LVM = (
 
 
 def proposal_for(file: Path) -> Proposal:
-    source = open_source(file, Recipe().layout)
+    source = open_source(file)
     return proposed_mapping(list_channels(source), Recipe(), source.channels)
 
 
@@ -139,7 +139,7 @@ def test_a_remark_in_a_row_loses_neither_row_nor_names(tmp_path):
     for row in rows:
         book.active.append(row)
     book.save(tmp_path / "log.xlsx")
-    source = open_source(tmp_path / "log.xlsx", Recipe().layout)
+    source = open_source(tmp_path / "log.xlsx")
     names = ["Time [ms]", "Torque [Ncm]", "Speed [rpm]", "Remark"]
     assert [channel.name for channel in source.channels] == names
     assert sum(len(piece[names[0]]) for piece in source.pieces(names)) == 9
@@ -149,7 +149,7 @@ def test_a_remark_in_a_row_loses_neither_row_nor_names(tmp_path):
 def test_a_row_of_units_may_end_before_the_names(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("time,torque,a,b\nms,Ncm\n" + "1,2,3,4\n" * 9)
-    channels = open_source(file, Recipe().layout).channels
+    channels = open_source(file).channels
     told = [("time", "ms"), ("torque", "Ncm"), ("a", ""), ("b", "")]
     assert [(channel.name, channel.unit) for channel in channels] == told
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError
-from hdbench.records import counted as module
 from hdbench.records import read_trace, write_trace
 from hdbench.records.counted import survey_samples
 from hdbench.records.journal import JournalWriter, read_journal
@@ -24,8 +23,7 @@ def write(path, *, attempts=False, n_blocks=9):
 
 
 @pytest.mark.parametrize("attempts", [False, True])
-def test_both_ways_give_the_same_file(tmp_path, monkeypatch, attempts):
-    monkeypatch.setattr(module, "_CHUNK_ROWS", 10)
+def test_both_ways_give_the_same_file(tmp_path, attempts):
     path = tmp_path / "journal.hdj"
     write(path, attempts=attempts)
     whole = survey_samples(read_journal(path)).trace("whole")

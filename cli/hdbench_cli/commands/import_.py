@@ -87,7 +87,7 @@ def _listing(
     output: Output, file: Path, recipe: Recipe, profile: Profile, bench: str | None, *, ask: bool
 ) -> Proposal | None:
     """Show what is in a file and what is proposed; return what a person takes at once."""
-    with closing(open_source(file, recipe.layout, recipe.asked)) as source:
+    with closing(open_source(file, recipe)) as source:
         time = time_candidate(source.channels)
         facts = list_channels(source, None if time is None else time.name)
         proposal = proposed_mapping(facts, recipe, source.channels, bench)

@@ -131,9 +131,9 @@ def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> St
     file, out = Path(file), Path(out)
     if out.resolve() == file.resolve():
         raise UsageError(f"{out} is the input", where="--out", fix="name a new file")
-    recipe, place = plan.recipe, _place(plan.recipe.constants())
-    maps = {m.target: m.text for m in recipe.maps()}
-    with closing(open_source(file, recipe.layout)) as source:
+    recipe, place = plan.recipe, _place(plan.recipe.entries("set"))
+    maps = {m.target: m.text for m in recipe.entries("map")}
+    with closing(open_source(file, recipe)) as source:
         reading = _reading(source, maps)
         time_s = _time(source, maps, len(reading), recipe.rate_hz)
     stairs = find_plateaus(time_s, reading, plan.least_s)

@@ -103,7 +103,7 @@ def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) 
         except DataError:
             pass  # a log of another program, or one whose stamps no trace may have
     recipe = Recipe(topic=topic, joint=joint)
-    with closing(open_source(path, recipe.layout, recipe.asked)) as source:
+    with closing(open_source(path, recipe)) as source:
         time = time_candidate(source.channels)
         facts = list_channels(source, None if time is None else time.name)
         numbers = [f.channel for f in facts if f.least is not None]

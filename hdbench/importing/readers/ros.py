@@ -267,10 +267,9 @@ class _RosSource(source.Source):
     ) -> source.Piece:
         piece: dict[str, NDArray[Any]] = {}
         for name, getter in getters.items():
-            whole = getter.path in ("stamp", "received")
-            piece[name] = np.full(
-                len(messages), 0 if whole else np.nan, np.int64 if whole else None
-            )
+            # times are whole numbers of ns
+            nothing = np.int64(0) if getter.path in ("stamp", "received") else np.nan
+            piece[name] = np.full(len(messages), nothing)
         for layout, places, data in self._alike(messages):
             rows = _matrix(data)
             for name, getter in getters.items():

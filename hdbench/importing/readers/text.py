@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from hdbench.errors import DataError
 from hdbench.importing.layout import (
     SEARCHED_LINES,
-    ForeignFormat,
     TableLayout,
     is_comment,
     is_number,
@@ -32,6 +31,10 @@ from hdbench.importing.source import Channel, Piece, Source, damaged, piece_rows
 from hdbench.importing.units import is_time_name, stated_unit
 from hdbench.records.csvtext import data_error, parse_numbers
 from hdbench.records.trace import FloatArray
+
+if TYPE_CHECKING:
+    # the process that reads workbooks has no use for it
+    from hdbench.importing.recipe import Recipe
 
 # no line of a table is longer: a thousand columns of a hundred characters
 _LONGEST_LINE = 1 << 20
@@ -201,25 +204,24 @@ def _lines(path: Path, skip: int) -> Iterator[str]:
         raise damaged(path, "gzip file", str(error)) from error
 
 
-def open_file(path: Path, layout: ForeignFormat | None) -> CellsSource:
+def open_file(path: Path, recipe: Recipe) -> CellsSource:
     """Open a table of text."""
-    layout = layout or ForeignFormat()
-    head = [*islice(_lines(path, layout.skip), SEARCHED_LINES)]
-    found = text_layout(head, layout.delimiter, named=layout.header)
+    head = [*islice(_lines(path, recipe.skip), SEARCHED_LINES)]
+    found = text_layout(head, recipe.mark, named=not recipe.no_header)
     if found is None:
         raise DataError(
             "no data: no line of numbers" if any(map(str.strip, head)) else "no data",
             where=str(path),
             fix="check the file, --delimiter, or a smaller --skip",
         )
-    if layout.logger is not None and not any(map(is_time_or_date, found.names)):
+    if recipe.from_logger is not None and not any(map(is_time_or_date, found.names)):
         raise DataError(
             "no row of column names with a time and numbers below it",
             where=str(path),
             fix="say where the table begins: --skip LINES and --delimiter, without --from-logger; "
             "without names --no-header and --rate HZ",
         )
-    begin = layout.skip + found.start
+    begin = recipe.skip + found.start
 
     def rows(done: int) -> Iterator[tuple[int, list[str]]]:
         return _rows(path, begin + done, found)
@@ -285,10 +287,10 @@ def _plain(
 def _rows(path: Path, begin: int, layout: TableLayout) -> Iterator[tuple[int, list[str]]]:
     width = layout.width
     line = begin + 1
-    counted = _Counted(_lines(path, begin))
+    lines = ("" if is_comment(text) else text for text in _lines(path, begin))
     try:
-        for row in split(iter(counted), layout.delimiter):
-            line = begin + counted.number
+        for number, row in split(lines, layout.delimiter):
+            line = begin + number
             if not any(cell.strip() for cell in row):
                 continue
             if len(row) > width and not any(cell.strip() for cell in row[width:]):
@@ -305,16 +307,3 @@ def _rows(path: Path, begin: int, layout: TableLayout) -> Iterator[tuple[int, li
             yield line, row
     except csv.Error as error:
         raise data_error(path, line + 1, f"not a CSV row: {error}", "correct the row") from error
-
-
-class _Counted:
-    """Lines, with the number of those that were taken; comments are taken as empty ones."""
-
-    def __init__(self, lines: Iterator[str]) -> None:
-        self._lines = lines
-        self.number = 0
-
-    def __iter__(self) -> Iterator[str]:
-        for line in self._lines:
-            self.number += 1
-            yield "" if is_comment(line) else line
