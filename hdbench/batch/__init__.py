@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from hdbench.batch.folder import BatchFolder, read_table, summary_of
-from hdbench.batch.inputs import Content, Input, content_of, expand_inputs, stamps_of
+from hdbench.batch.inputs import Input, content_of, expand_inputs, stamps_of
 from hdbench.batch.workers import Outcome, Workers, run_tasks
 
 __all__ = [
     "BatchFolder",
-    "Content",
     "Input",
     "Outcome",
     "Workers",

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from hdbench.comparison.runs import Comparison, compare_runs, comparison_csv
+from hdbench.comparison.runs import compare_runs, comparison_csv
 
-__all__ = ["Comparison", "compare_runs", "comparison_csv"]
+__all__ = ["compare_runs", "comparison_csv"]

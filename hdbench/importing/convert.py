@@ -218,27 +218,26 @@ class Conversion:
     def seconds(self, raw: NDArray[Any], row: int, start: Fraction | None) -> tuple[Any, Fraction]:
         """Return the times of a piece from `start` on, s, and that start; NaN where there is none.
 
-        The start is the first time where None is given; differences are rounded once.
+        The start is the time of the first row where None is given, or 0 where it has none;
+        differences are rounded once.
         """
         scale, offset = Fraction(self.scale), Fraction(self.offset)
         if raw.dtype == object:
-            name = self.column.channel.name
+
+            def exact(k: int) -> Fraction | None:
+                name = self.column.channel.name
+                cell = decimal_cell(self.source, name, raw[k], row + k, stamp=True)
+                return None if cell is None else Fraction(cell) * scale + offset
+
             if start is None:
-                first = decimal_cell(self.source, name, raw[0], row, stamp=True)
-                start = None if first is None else Fraction(first) * scale + offset
-            exact = None if start is None else _scaled(raw, scale, offset - start)
-            if exact is not None and start is not None:
-                return exact, start
-            cells = [
-                decimal_cell(self.source, name, c, row + k, stamp=True) for k, c in enumerate(raw)
-            ]
-            times = [None if c is None else Fraction(c) * scale + offset for c in cells]
-            if start is None:
-                start = next((t for t in times if t is not None), Fraction(0))
-            return np.array([np.nan if t is None else float(t - start) for t in times]), start
-        there = raw[np.isfinite(raw)] if raw.dtype.kind == "f" else raw
+                start = exact(0) or Fraction(0)
+            rounded = _scaled(raw, scale, offset - start)
+            if rounded is None:
+                times = map(exact, range(len(raw)))
+                rounded = np.array([np.nan if t is None else float(t - start) for t in times])
+            return rounded, start
         if start is None:
-            start = Fraction(there[0].item()) * scale + offset if len(there) else Fraction(0)
+            start = Fraction(raw[0].item()) * scale + offset if np.isfinite(raw[0]) else Fraction(0)
         # the start as a number of the file: differences of whole numbers are exact
         zero = (start - offset) / scale
         apart: Any

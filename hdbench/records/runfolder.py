@@ -118,19 +118,16 @@ def read_manifest(path: Path) -> dict[str, Any]:
             fix="'hdbench runs list' names the stored runs",
         )
     manifest = read_json(record, RUN_SCHEMA)
-    for key, kind in (("kind", str), ("status", str), ("files", dict), ("profile", dict)):
-        if not isinstance(manifest.get(key), kind):
-            raise DataError(
-                f"key {key!r} is missing or not a {kind.__name__}",
-                where=str(record),
-                fix="restore the file from a copy",
-            )
-    if manifest["status"] not in STATUSES:
-        raise DataError(
-            f"status {manifest['status']!r:.40}; needed: {', '.join(STATUSES)}",
-            where=str(record),
-            fix="restore the file from a copy",
-        )
+    needed = {"kind": str, "status": str, "files": dict, "profile": dict}
+    wrong = [
+        f"key {key!r} is missing or not a {kind.__name__}"
+        for key, kind in needed.items()
+        if not isinstance(manifest.get(key), kind)
+    ]
+    if not wrong and manifest["status"] not in STATUSES:
+        wrong.append(f"status {manifest['status']!r:.40}; needed: {', '.join(STATUSES)}")
+    if wrong:
+        raise DataError(wrong[0], where=str(record), fix="restore the file from a copy")
     return manifest
 
 

@@ -2,15 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.regression.cases import CaseReport, RegressionReport, compare_folder, write_junit
-from hdbench.regression.changes import Change, Tolerance, compare_results
+from hdbench.regression.cases import RegressionReport, compare_folder, write_junit
+from hdbench.regression.changes import Tolerance, compare_results
 
-__all__ = [
-    "CaseReport",
-    "Change",
-    "RegressionReport",
-    "Tolerance",
-    "compare_folder",
-    "compare_results",
-    "write_junit",
-]
+__all__ = ["RegressionReport", "Tolerance", "compare_folder", "compare_results", "write_junit"]
