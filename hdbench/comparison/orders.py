@@ -187,17 +187,13 @@ def compare_pattern(
     return Pattern(same_origin, shift, tuple(pairs), scores, joint)
 
 
-def _step(pair: OrderPair, shift: float) -> FloatArray:
-    a, b = pair.vectors(shift)
-    return np.array([(b - a).real, (b - a).imag])
-
-
 def _statistic(pairs: Sequence[OrderPair], shift: float) -> float:
     total = 0.0
     for pair in pairs:
-        step, covariance = _step(pair, shift), pair.covariance(shift)
+        a, b = pair.vectors(shift)
+        step = np.array([(b - a).real, (b - a).imag])
         try:
-            total += float(step @ np.linalg.solve(covariance, step))
+            total += float(step @ np.linalg.solve(pair.covariance(shift), step))
         except np.linalg.LinAlgError:
             return math.nan
     return total

@@ -82,19 +82,16 @@ class Comparison:
     def sentence(self) -> str:
         """The answer in words."""
         deciding = [q for q in self.outcome.quantities if q.decides and q.score is not None]
+        if not deciding and (self.outcome.only_a or self.outcome.only_b):
+            return ", ".join(self.moved)
+        if not deciding and self.a.kind == "diagnosis":
+            return "both name the same causes"
         if not deciding:
-            return self._set_words()
+            return "nothing that both results have carries an uncertainty"
         worst = max(deciding, key=lambda q: q.score or 0.0)
         words = f"{worst.label}: {_change_words(worst)}"
         others = [name for name in self.moved if name != worst.name]
         return f"{words}; moved too: {', '.join(others)}" if others else words
-
-    def _set_words(self) -> str:
-        if self.outcome.only_a or self.outcome.only_b:
-            return ", ".join(self.moved)
-        if self.a.kind == "diagnosis":
-            return "both name the same causes"
-        return "nothing that both results have carries an uncertainty"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the comparison as ``--json`` prints it (schema ``hdbench/comparison/1``)."""

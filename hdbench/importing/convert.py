@@ -28,8 +28,8 @@ _LINEAR = re.compile(
 )
 _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
 # what turns with the shaft: on the joint side these are smaller by the gear ratio
-_TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
-_TURN = 2.0 * np.pi
+TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
+TURN_RAD = 2.0 * np.pi
 UNSTATED = "the file states no unit"
 _ORDER = 4
 # the derivative is filtered on an even grid; times that differ less from it are even enough
@@ -170,7 +170,7 @@ class Conversion:
         """Finish the whole channel."""
         if self.wrapped:
             there = np.isfinite(values)
-            values[there] = np.unwrap(values[there], period=_TURN)
+            values[there] = np.unwrap(values[there], period=TURN_RAD)
         if self.ratio != 1.0:
             values *= self.ratio
         if self.from_zero:
@@ -332,7 +332,7 @@ def conversion(
         raise _refused(target, source, given, unit, f"{target}={given}*{scale:.17g}")
     factor = scale if scale is not None and declared else Decimal(1)
     output = "output" in words or (side == "output" and "motor" not in words)
-    joint = output and target in _TURNING
+    joint = output and target in TURNING
     if joint and ratio is None:
         raise UsageError(
             f"{target} is of the joint, and no gear ratio is known",

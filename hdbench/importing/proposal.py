@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hdbench.importing.convert import unlike_pace
+from hdbench.importing.convert import TURN_RAD, TURNING, unlike_pace
 from hdbench.importing.listing import ChannelFacts
 from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
@@ -20,13 +20,11 @@ _TOLD = packaged_toml(__package__, "words.toml")
 _WORDS = {target: words.split() for target, words in _TOLD["quantities"].items()}
 _KINDS = {kind: words.split() for kind, words in _TOLD["kinds"].items()}
 _COUNTED = ("torque_nm", "motor_angle_rad", "motor_velocity_rad_s", "motor_current_a")
-_TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
 # shorter words begin others by chance
 _COMPOUND = 4
 _SPLIT = re.compile(r"[\W\d_]+|(?<=[a-z])(?=[A-Z])")
 _NUMBERED = re.compile(r".*?[^\W\d](?:_|\[|\.)?(?P<joint>\d{1,2})\]?")
 _Best = tuple[ChannelFacts, str]
-_TURN_RAD = 6.283185307179586
 # seconds since 1970 of the years 1998 to 2103, and in what else they are counted
 _FIRST_S, _LAST_S = 9e8, 4.2e9
 _SINCE_1970 = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -202,7 +200,7 @@ def _words_for(target: str, facts: ChannelFacts, joint_side: bool) -> tuple[str,
     if scale is not None and scale != 1:
         words += f"@{facts.channel.unit}"
     if target == "motor_angle_rad" and facts.least is not None and facts.most is not None:
-        turn = _TURN_RAD / float(scale or 1)
+        turn = TURN_RAD / float(scale or 1)
         if facts.jump > 0.5 * turn and facts.most - facts.least <= 1.01 * turn:
             words += "@wrapped"
             why.append("jumps within one turn")
@@ -229,15 +227,15 @@ def _time_unit(facts: ChannelFacts) -> tuple[str, str]:
 
 def _disagreement(best: Mapping[str, _Best], time: ChannelFacts, unit: str) -> str:
     """Return how velocity and rate of the angle differ; empty where they do not."""
-    if not {*_TURNING} <= best.keys():
+    if not {*TURNING} <= best.keys():
         return ""
-    angle, velocity = (best[target][0] for target in _TURNING)
+    angle, velocity = (best[target][0] for target in TURNING)
     if not len(angle.numbers) == len(velocity.numbers) == len(time.numbers):
         return ""
     scales = [float(unit_scale(unit, "s") or 1)] if unit else [*_SINCE_1970.values()]
     turned = [
         facts.numbers * float(unit_scale(facts.channel.unit, target_unit(target)) or 1)
-        for facts, target in zip((angle, velocity), _TURNING, strict=True)
+        for facts, target in zip((angle, velocity), TURNING, strict=True)
     ]
     ratios = [unlike_pace(time.numbers * scale, *turned) for scale in scales]
     if None in ratios:
@@ -267,7 +265,7 @@ def proposed_mapping(
     elif torque is None:
         needs.append("no channel is named as a torque or a current: --map torque_nm=COLUMN")
         extra += ["--map", "torque_nm=COLUMN"]
-    turning = {t: f.channel for t, (f, _) in best.items() if t in _TURNING}
+    turning = {t: f.channel for t, (f, _) in best.items() if t in TURNING}
     behind = {t: c.name for t, c in turning.items() if _is_behind(c)}
     joint_side = given.side == "output" or (bool(behind) and behind.keys() == turning.keys())
     mapping: dict[str, str] = {}
@@ -286,7 +284,7 @@ def proposed_mapping(
             needs.append(f"TIME_UNIT: s, ms, us or ns; in s it would be sampled at {rate}")
         if len(behind) != 1:
             unlike = _disagreement(best, facts_of_time, unit)
-    if unlike and all(best[target][0].channel.unit for target in _TURNING):
+    if unlike and all(best[target][0].channel.unit for target in TURNING):
         needs.append(f"{unlike}: put @output or another unit behind the one that has it")
     for target, (fact, why) in best.items():
         if target == "motor_current_a" and torque is not None and not why.startswith("named"):
@@ -294,12 +292,12 @@ def proposed_mapping(
         words, more = _words_for(target, fact, joint_side)
         name = _shortest(fact.channel.name, channels, joint)
         factor = ""
-        counts = target in _COUNTED and (fact.whole or (unlike and target in _TURNING))
+        counts = target in _COUNTED and (fact.whole or (unlike and target in TURNING))
         if counts and not fact.channel.unit:
             word = "N_M_PER_COUNT" if target == "torque_nm" else f"{target.upper()}_FACTOR"
             factor = f"*{word}"
             why = why.partition(": taken")[0]
-            told = f", and {unlike}" if unlike and target in _TURNING else ""
+            told = f", and {unlike}" if unlike and target in TURNING else ""
             what = "the torque" if target == "torque_nm" else target_unit(target)
             needs.append(f"{word}: {what} per count; it is not in the file{told}")
         elif fact.channel.unit and unit_scale(fact.channel.unit, target_unit(target)) is None:

@@ -220,8 +220,7 @@ _running: ReaderProcess | None = None
 def _running_process() -> ReaderProcess:
     global _running
     if _running is None or not _running.usable:
-        if _running is not None:
-            _running.end()
+        end_reader()
         _running = ReaderProcess()
     return _running
 

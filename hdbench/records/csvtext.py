@@ -31,9 +31,9 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 # 600 s at 5 kHz with ten channels of full precision are 0.6 GB as text
 LIMIT_BYTES = 1 << 30
 # text of real samples shrinks 2 to 20 times; deflate itself cannot pass 1032
-_LIMIT_RATIO = 300
+LIMIT_RATIO = 300
 # below this a high ratio does no harm
-_SMALL_BYTES = 16 << 20
+SMALL_BYTES = 16 << 20
 IMPORT_FIX = "bring the file in with 'hdbench import' (--help shows how to name its columns)"
 
 
@@ -43,7 +43,7 @@ def data_error(path: Path, line: int, what: str, fix: str = IMPORT_FIX) -> DataE
 
 
 def _inflate(path: Path, packed: bytes) -> bytes:
-    limit = max(_SMALL_BYTES, min(LIMIT_BYTES, len(packed) * _LIMIT_RATIO))
+    limit = max(SMALL_BYTES, min(LIMIT_BYTES, len(packed) * LIMIT_RATIO))
     parts: list[bytes] = []
     total, rest = 0, packed
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def require_parquet(where: str) -> ModuleType:
     return library("pyarrow.parquet", "parquet", where, "for Parquet files")
 
 
-def _opened(path: Path) -> object:
+def _opened(path: Path) -> Any:
     parquet = require_parquet(str(path))
     if not path.is_file():
         raise DataError("no such trace file", where=str(path), fix="check the path")
@@ -46,26 +47,23 @@ def _opened(path: Path) -> object:
 
 def parquet_names(path: Path) -> tuple[str, ...]:
     """Return the column names of a Parquet file."""
-    file = _opened(path)
-    return tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
+    return tuple(_opened(path).schema_arrow.names)
 
 
 def parquet_columns(path: Path) -> tuple[dict[str, FloatArray], dict[str, tuple[str, ...]]]:
     """Read the columns of a Parquet file."""
     file = _opened(path)
-    names = tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
-    rows = file.metadata.num_rows  # type: ignore[attr-defined]
+    names, rows = tuple(file.schema_arrow.names), file.metadata.num_rows
     if not 0 < rows * len(names) <= _LIMIT_CELLS:
         what = f"{rows} rows of {len(names)} columns; needed: 1 to {_LIMIT_CELLS} cells"
         raise DataError(what, where=str(path), fix="split the file, or record again")
     if len(set(names)) != len(names):
         raise DataError("a column name occurs twice", where=str(path), fix=_EXPORT_FIX)
     try:
-        table = file.read()  # type: ignore[attr-defined]
+        table = file.read()
     except (OSError, ValueError) as error:
-        raise DataError(
-            f"damaged Parquet file: {error}", where=str(path), fix="copy it again"
-        ) from (error)
+        what = f"damaged Parquet file: {error}"
+        raise DataError(what, where=str(path), fix="copy it again") from error
     columns: dict[str, FloatArray] = {}
     texts: dict[str, tuple[str, ...]] = {}
     for name in names:

@@ -52,11 +52,6 @@ class TrendQuantity:
     readers: Mapping[str, Callable[[Any], Iterable[Reading]]]
 
 
-def unit_of(quantity: TrendQuantity, series: str) -> str:
-    """Return the unit of a series; a parameter of a cause ends in its own."""
-    return "N m s/rad" if series.endswith("_nm_s_per_rad") else quantity.unit
-
-
 def _told(series: str, quantity: Quantity) -> list[Reading]:
     return [Reading(series, quantity.value, quantity.std)]
 

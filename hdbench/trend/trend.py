@@ -18,7 +18,7 @@ from hdbench.records.csvtext import csv_text, safe_cell
 from hdbench.records.runfolder import moment_of
 from hdbench.results import RESULT_TYPES, CalibrationResult, DiagnosisResult, Part, RippleResult
 from hdbench.trend.charts import EWMA_WEIGHT, Change, Chart, History, Limits, Signal, study_history
-from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
+from hdbench.trend.quantities import QUANTITIES, Reading
 
 _COLUMNS = (
     *("name", "series", "unit", "run", "time_utc", "value", "std", "lower", "upper"),
@@ -98,7 +98,9 @@ def trend_of_runs(
             probability=probability,
             draw=np.random.default_rng(seed),
         )
-        head = {"by": by, "name": name, "series": what, "unit": unit_of(chosen, what)}
+        # a parameter of a cause ends in its own unit
+        unit = "N m s/rad" if what.endswith("_nm_s_per_rad") else chosen.unit
+        head = {"by": by, "name": name, "series": what, "unit": unit}
         marks = _marks([run for run in runs if _group(run, by) == name])
         groups.append({**head, **_body(points, history, marks)})
     return {

@@ -48,10 +48,9 @@ class _MdfSource(Source):
             master = file.masters_db.get(number)
             source = str(getattr(group.channel_group, "acq_name", "") or f"group{number + 1}")
             for index, channel in enumerate(group.channels):
-                unit = str(getattr(channel, "unit", "") or "")
                 conversion = getattr(channel, "conversion", None)
-                unit = unit or str(getattr(conversion, "unit", "") or "")
                 timed = index == master
+                unit = getattr(channel, "unit", "") or getattr(conversion, "unit", "")
                 name = f"{source}/{channel.name}"
                 # the library would hand a formula of the file to an evaluator of Python
                 if getattr(conversion, "formula", ""):
@@ -59,7 +58,7 @@ class _MdfSource(Source):
                     continue
                 # by a table its numbers are words: the numbers themselves are taken
                 coded = bool(getattr(conversion, "referenced_blocks", None))
-                unit = unit or ("s" if timed else "")
+                unit = str(unit or ("s" if timed else ""))
                 made.append((Channel(name, unit, str(number), timed, rows), (number, index, coded)))
         self._places = self.hold(made)
         self.notes = tuple(notes)

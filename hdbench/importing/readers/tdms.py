@@ -44,8 +44,7 @@ class _TdmsSource(source.Source):
                 if step > 0.0 and np.isfinite(start):
                     clock += f":{step:.12g}:{start:.12g}"
                     clocks[clock] = (start, step, rows)
-                unit = str(properties.get("unit_string", "") or "")
-                unit = unit or stated_unit(channel.name)
+                unit = str(properties.get("unit_string") or stated_unit(channel.name))
                 unit = "ns" if channel.dtype.kind in "mM" else unit
                 timed = is_time_name(channel.name)
                 name = f"{group.name}/{channel.name}"

@@ -29,7 +29,7 @@ from hdbench.importing.layout import (
 )
 from hdbench.importing.source import Channel, Piece, Source, damaged, piece_rows, text_cells
 from hdbench.importing.units import is_time_name, stated_unit
-from hdbench.records.csvtext import data_error, parse_numbers
+from hdbench.records.csvtext import LIMIT_RATIO, SMALL_BYTES, data_error, parse_numbers
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 # no line of a table is longer: a thousand columns of a hundred characters
 _LONGEST_LINE = 1 << 20
-# text of real samples shrinks 2 to 20 times; below 16 MiB a higher ratio does no harm
-_LIMIT_RATIO, _SMALL_BYTES = 300, 16 << 20
 # bytes that are converted at a time
 _CHUNK_BYTES = 1 << 23
 _Rows = Callable[[int], Iterator[tuple[int, list[Any]]]]
@@ -161,7 +159,7 @@ def _raw_lines(path: Path) -> Iterator[bytes]:
                 raise damaged(path, "gzip file", "it ends with zeros")
         file = _opened(raw)
         total, number = 0, 0
-        limit = max(_SMALL_BYTES, size * _LIMIT_RATIO)
+        limit = max(SMALL_BYTES, size * LIMIT_RATIO)
         while line := file.readline(_LONGEST_LINE):
             number += 1
             total += len(line)
