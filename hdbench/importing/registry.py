@@ -72,8 +72,10 @@ FORMATS = (
 )
 
 
-def _chosen(path: Path) -> Format | None:
-    """Return the kind of a file; None for text."""
+_TEXT = Format("text", "text", (), b"")  # what is nothing else
+
+
+def _chosen(path: Path) -> Format:
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
             return next(kind for kind in FORMATS if kind.module == "ros")
@@ -95,7 +97,7 @@ def _chosen(path: Path) -> Format | None:
             where=str(path),
             fix="copy the file again; if it is text, give it the ending .csv",
         )
-    return next(iter(kinds), None)
+    return next(iter(kinds), _TEXT)
 
 
 def _holds_workbook(path: Path) -> bool:
@@ -113,8 +115,7 @@ def open_source(path: Path, recipe: Recipe | None = None) -> Source:
     try:
         source = _opened(path, kind, recipe)
     except Exception as error:
-        form = "text" if kind is None else kind.name
-        raise told(path, form, error) from error
+        raise told(path, kind.name, error) from error
     if not source.channels:
         source.close()
         what = f"no channel of numbers in this {source.form}; needed: at least one"
@@ -123,12 +124,11 @@ def open_source(path: Path, recipe: Recipe | None = None) -> Source:
     return source
 
 
-def _opened(path: Path, kind: Format | None, recipe: Recipe) -> Source:
-    if kind is not None and kind.library:
+def _opened(path: Path, kind: Format, recipe: Recipe) -> Source:
+    if kind.library:
         return IsolatedSource(path, kind.name, kind.module, kind.library, kind.module)
-    name = "text" if kind is None else kind.module
-    module: Any = importlib.import_module(f"hdbench.importing.readers.{name}")
-    source: Source = module.open_file(path, recipe) if kind is None else module.open_file(path)
+    module: Any = importlib.import_module(f"hdbench.importing.readers.{kind.module}")
+    source: Source = module.open_file(path, recipe) if kind is _TEXT else module.open_file(path)
     return source
 
 

@@ -122,6 +122,7 @@ class Source(ABC):
         """
         kept = _asked_for(self.channels, topic, joint)
         if not kept:
+            self.close()
             raise UsageError(
                 f"no channel of {topic or 'any topic'} and joint {joint or 'any'}",
                 where=f"{self.path}, --topic, --joint",
