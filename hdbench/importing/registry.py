@@ -15,15 +15,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from mmap import mmap
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from hdbench.errors import DataError, HdbenchError, UsageError, told_error
-from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, damaged, text_cells, told
 from hdbench.records.storage import checked_size, read_errors
 from hdbench.system.children import shared_memory, start_child
+
+if TYPE_CHECKING:
+    # who opens a file without one has no need to load what reads them
+    from hdbench.importing.recipe import Recipe
 
 _HEAD = 1024
 # threads of a library would hold memory of their own; its allocator has to heed the limit
@@ -110,7 +113,7 @@ def _holds_workbook(path: Path) -> bool:
 
 def open_source(path: Path, recipe: Recipe | None = None) -> Source:
     """Open a foreign file with the channels that a recipe asks for."""
-    path, recipe = Path(path), recipe or Recipe()
+    path = Path(path)
     kind = _chosen(path)
     try:
         source = _opened(path, kind, recipe)
@@ -120,11 +123,12 @@ def open_source(path: Path, recipe: Recipe | None = None) -> Source:
         source.close()
         what = f"no channel of numbers in this {source.form}; needed: at least one"
         raise DataError(what, where=str(path), fix="check the file, or record again")
-    source.keep(recipe.topic, recipe.joint)
+    if recipe is not None:
+        source.keep(recipe.topic, recipe.joint)
     return source
 
 
-def _opened(path: Path, kind: Format, recipe: Recipe) -> Source:
+def _opened(path: Path, kind: Format, recipe: Recipe | None) -> Source:
     if kind.library:
         return IsolatedSource(path, kind.name, kind.module, kind.library, kind.module)
     module: Any = importlib.import_module(f"hdbench.importing.readers.{kind.module}")

@@ -202,24 +202,28 @@ def _lines(path: Path, skip: int) -> Iterator[str]:
         raise damaged(path, "gzip file", str(error)) from error
 
 
-def open_file(path: Path, recipe: Recipe) -> CellsSource:
+def open_file(path: Path, recipe: Recipe | None) -> CellsSource:
     """Open a table of text."""
-    head = [*islice(_lines(path, recipe.skip), SEARCHED_LINES)]
-    found = text_layout(head, recipe.mark, named=not recipe.no_header)
+    skip, mark, named, logger = 0, None, True, None
+    if recipe is not None:
+        skip, mark, logger = recipe.skip, recipe.mark, recipe.from_logger
+        named = not recipe.no_header
+    head = [*islice(_lines(path, skip), SEARCHED_LINES)]
+    found = text_layout(head, mark, named=named)
     if found is None:
         raise DataError(
             "no data: no line of numbers" if any(map(str.strip, head)) else "no data",
             where=str(path),
             fix="check the file, --delimiter, or a smaller --skip",
         )
-    if recipe.from_logger is not None and not any(map(is_time_or_date, found.names)):
+    if logger is not None and not any(map(is_time_or_date, found.names)):
         raise DataError(
             "no row of column names with a time and numbers below it",
             where=str(path),
             fix="say where the table begins: --skip LINES and --delimiter, without --from-logger; "
             "without names --no-header and --rate HZ",
         )
-    begin = recipe.skip + found.start
+    begin = skip + found.start
 
     def rows(done: int) -> Iterator[tuple[int, list[str]]]:
         return _rows(path, begin + done, found)
