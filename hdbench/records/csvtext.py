@@ -171,8 +171,9 @@ def parse_table(path: Path, text: str) -> Table:
             )
     if len(numbered) < 2:
         raise data_error(path, 1, "a header without data; needed: at least one row", "record again")
-    lines, rows = zip(*numbered[1:], strict=True)
-    return Table(path, header, rows, lines)
+    del numbered[0]
+    rows = tuple(row for _, row in numbered)
+    return Table(path, header, rows, [line for line, _ in numbered])
 
 
 def read_header(path: Path) -> tuple[str, ...]:

@@ -66,9 +66,12 @@ class ArraySource(Source):
         rows = next(iter(arrays.values())).shape[0]
         most = piece_rows(sum(a.dtype.itemsize * (*a.shape, 1)[1] // 8 for a in arrays.values()))
         for start, count in spans(rows, most):
-            read = {key: array.read(start, start + count) for key, array in arrays.items()}
+            read: dict[int, NDArray[Any]] = {}
             piece = {}
             for name, (array, index) in columns.items():
+                # one after another: all of them are more than a processor keeps close
+                if id(array) not in read:
+                    read[id(array)] = array.read(start, start + count)
                 values = numbers(np.asarray(read[id(array)][index]).reshape(-1))
                 piece[name] = np.full(count, np.nan) if values is None else values
             yield piece
