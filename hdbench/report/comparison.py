@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hdbench.report.canvas import new_figure, score_chart
-from hdbench.report.numbers import DASH, first_up, plain, short, unit_words, with_std
+from hdbench.report.numbers import DASH, first_up, plain, short, unit_words
 from hdbench.report.page import ReportFiles, numbers_csv, page_files, write_page
-from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report.pagemodel import KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.texts import summary
 
 _ANSWERS = {
@@ -78,69 +78,23 @@ def _numbers(rows: Sequence[Mapping[str, Any]], source: str) -> Iterator[KeyNumb
             )
 
 
-def _shown(value: Any) -> str:
-    if value is None:
-        return DASH
-    return with_std(value) if isinstance(value, Mapping) else short(float(value))
-
-
-def _score(value: float | None) -> str:
-    return DASH if value is None else f"{value:.2f}"
-
-
 def _tables(body: Mapping[str, Any]) -> Iterator[Table]:
-    def label(q: Mapping[str, Any]) -> str:
-        return f"{q['label']} ({unit_words(q['unit'])})" if q["unit"] else str(q["label"])
-
-    def answer(q: Mapping[str, Any]) -> str:
-        word = {True: "moved", False: "within", None: DASH}[q["moved"]]
-        return f"{word}; decides" if q["decides"] else word
-
-    numbers: tuple[Column, ...] = (
-        ("quantity", label),
-        ("A", "a", _shown),
-        ("B", "b", _shown),
-        ("B less A", "difference", _shown),
-        ("expanded", "expanded", lambda x: DASH if x is None else short(x, 0.5 * x)),
-        ("score", "score", _score),
-        ("", answer),
-    )
-    note = "score: size of the difference over its expanded uncertainty; above 1 it has moved"
-    yield Table.of("Numbers of both", numbers, body["quantities"], note)
+    answers = {True: "moved", False: "within", None: DASH}
+    yield Table.told("compared", body["quantities"], answers=answers)
     orders = body["orders"]
     if orders is not None:
-
-        def vector(side: str) -> Any:
-            return lambda row: (
-                f"{_shown(row[side]['amplitude_nm'])} at {_shown(row[side]['phase_rad'])}"
-            )
-
-        vectors: tuple[Column, ...] = (
-            ("order", lambda row: f"{row['order']:g}"),
-            ("A (N·m at rad)", vector("a")),
-            ("B (N·m at rad)", vector("b")),
-            ("length of B less A (N·m)", lambda row: _shown(row["difference"]["amplitude_nm"])),
-            ("score", "score", _score),
-        )
         joint = orders["score"]
         note = "" if joint is None else f"all orders together: score {joint:.2f}"
-        yield Table.of("Orders as vectors", vectors, orders["orders"], note)
+        yield Table.told("vectors", orders["orders"], note)
     for key, title in (
         ("profile_changes", "Profile keys that differ"),
         ("environment_changes", "What else differs"),
     ):
-        yield _changes(title, body[key])
-
-
-def _changes(title: str, changes: Sequence[Mapping[str, Any]] | None) -> Table:
-    def value(side: str) -> Any:
-        return lambda row: plain(row[side]) if row["only"] in ("", side) else "absent"
-
-    columns: tuple[Column, ...] = (("key", "key"), ("A", value("a")), ("B", value("b")))
-    note = "" if changes else "nothing differs"
-    if changes is None:
-        note = "not known: a result file alone does not tell"
-    return Table.of(title, columns, changes or (), note)
+        changes = body[key]
+        note = "" if changes else "nothing differs"
+        if changes is None:
+            note = "not known: a result file alone does not tell"
+        yield Table.told("changes", changes or (), note, title=title)
 
 
 def _provenance(body: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

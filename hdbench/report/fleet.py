@@ -24,7 +24,7 @@ from hdbench.records.jsonfile import result_header
 from hdbench.report.canvas import COLOURS, new_figure
 from hdbench.report.numbers import DASH, MINUS, short, unit_words
 from hdbench.report.page import ReportFiles, is_page, page_files, write_page
-from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report.pagemodel import KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.sections import KINDS, key_figures
 from hdbench.report.source import typed_result
 from hdbench.report.texts import page_text
@@ -84,10 +84,23 @@ class _Figure:
         return f"{self.label}, {unit_words(self.unit)}" if self.unit else self.label
 
     @property
+    def drives(self) -> int:
+        """How many drives have it."""
+        return int(np.count_nonzero(np.isfinite(self.values)))
+
+    @property
     def ends(self) -> tuple[float, float]:
         """Limits beyond which a drive is an outlier."""
         room = self.limit * self.scatter
         return self.median - room, self.median + room
+
+    def limits(self) -> str:
+        """Return both limits in words."""
+        return " to ".join(short(end, self.limit * self.scatter) for end in self.ends)
+
+    def score(self, k: int) -> str:
+        """Return how far one drive lies from the median, in robust deviations."""
+        return f"{self.scores[k]:+.1f}".replace("-", MINUS)
 
     def far(self) -> list[int]:
         """Return the places of the outliers among the drives."""
@@ -248,11 +261,7 @@ def _section(
             _figure_table(figures),
             _cause_table(runs),
             _drive_table(kind, runs, figures, far, files),
-            Table.of(
-                "Inputs without a result",
-                (("drive or input", lambda run: run.drive), ("why", lambda run: run.error)),
-                lost,
-            ),
+            Table.told("fleet_lost", lost),
         ),
     )
 
@@ -269,69 +278,42 @@ def _link(run: FleetRun, files: ReportFiles) -> str:
 def _outlier_table(
     runs: Sequence[FleetRun], figures: Sequence[_Figure], files: ReportFiles
 ) -> Table:
-    def score(row: tuple[_Figure, int]) -> str:
-        return f"{row[0].scores[row[1]]:+.1f}".replace("-", MINUS)
-
-    columns: tuple[Column, ...] = (
-        ("drive", lambda row: _link(runs[row[1]], files), lambda link: link),
-        ("figure", lambda row: row[0].title),
-        ("value ± standard uncertainty", lambda row: row[0].told(row[1])),
-        ("robust deviations", score),
-        ("limit", lambda row: f"{row[0].limit:.1f}"),
-    )
     found = [(figure, k) for figure in figures for k in figure.far()]
     found.sort(key=lambda row: -abs(row[0].scores[row[1]]))
-    return Table.of("Outliers, farthest first", columns, found, wide=True)
+    return Table.told(
+        "fleet_outliers", found, score=_Figure.score, link=lambda k: _link(runs[k], files)
+    )
 
 
 def _figure_table(figures: Sequence[_Figure]) -> Table:
-    def middle(figure: _Figure) -> str:
-        low, high = _median_interval(np.sort(figure.values[np.isfinite(figure.values)]))
-        middle, least, most = (short(v, figure.scatter) for v in (figure.median, low, high))
-        return f"{middle} ({least} to {most})"
-
-    def limits(figure: _Figure) -> str:
-        room = figure.limit * figure.scatter
-        return " to ".join(short(end, room) for end in figure.ends) if room else DASH
-
-    columns: tuple[Column, ...] = (
-        ("figure", lambda figure: figure.title),
-        ("drives", lambda figure: int(np.count_nonzero(np.isfinite(figure.values)))),
-        ("median (95 % interval)", middle),
-        ("robust scatter", lambda figure: figure.scatter),
-        ("limits", limits),
-        ("outliers", lambda figure: len(figure.far()) if figure.scatter else None),
-    )
     note = "Where most drives agree to the last digit the scatter is 0, and none is judged."
     alike = any(figure.scatter == 0.0 for figure in figures)
-    return Table.of("Key figures over drives", columns, figures, note if alike else "", wide=True)
-
-
-def _median_interval(ordered: FloatArray) -> tuple[float, float]:
-    """Return the 95 % interval of a median from order statistics (binomial law)."""
-    below = int(binom.ppf(0.025, ordered.size, 0.5))
-    return float(ordered[max(below - 1, 0)]), float(
-        ordered[min(ordered.size - below, ordered.size - 1)]
+    return Table.told(
+        "fleet_figures", figures, note if alike else "", middle=_middle, limits=_Figure.limits
     )
+
+
+def _middle(figure: _Figure) -> str:
+    """Return a median with its 95 % interval from order statistics (binomial law)."""
+    ordered = np.sort(figure.values[np.isfinite(figure.values)])
+    below = int(binom.ppf(0.025, ordered.size, 0.5))
+    low, high = ordered[max(below - 1, 0)], ordered[min(ordered.size - below, ordered.size - 1)]
+    middle, least, most = (short(v, figure.scatter) for v in (figure.median, low, high))
+    return f"{middle} ({least} to {most})"
 
 
 def _cause_table(runs: Sequence[FleetRun]) -> Table:
     told = [run.result["causes"] for run in runs if isinstance(run.result.get("causes"), list)]
     counts = Counter(name for causes in told for name in {cause["name"] for cause in causes})
 
-    def share(row: tuple[str, int]) -> str:
-        count, rest = row[1], len(told) - row[1]
+    def share(count: int) -> str:
+        rest = len(told) - count
         low = float(beta.ppf(0.025, count, rest + 1))
         high = float(beta.ppf(0.975, count + 1, rest)) if rest else 1.0
         return f"{count / len(told):.1%} ({low:.1%} to {high:.1%})"
 
-    columns: tuple[Column, ...] = (
-        ("cause", lambda row: row[0]),
-        ("drives", lambda row: row[1]),
-        ("share (95 % interval)", share),
-    )
     rows = sorted(counts.items(), key=lambda row: (-row[1], row[0]))
-    return Table.of(f"Causes by frequency, of {len(told)} drives", columns, rows)
+    return Table.told("fleet_causes", rows, count=len(told), share=share)
 
 
 def _drive_table(
@@ -341,9 +323,6 @@ def _drive_table(
     far: Any,
     files: ReportFiles,
 ) -> Table:
-    def cell(figure: _Figure) -> Column:
-        return figure.title, lambda k: figure.told(k) + (" ▲" if figure.outliers[k] else "")
-
     def verdict(k: int) -> str:
         causes = runs[k].result.get("causes")
         if isinstance(causes, list):
@@ -355,16 +334,16 @@ def _drive_table(
         )
 
     shown = figures[:_MOST_COLUMNS]
-    columns: tuple[Column, ...] = (
-        ("drive", lambda k: _link(runs[k], files), lambda link: link),
-        *map(cell, shown),
-        ("causes" if kind == "diagnosis" else "verdict", verdict),
-    )
     order = sorted(range(len(runs)), key=lambda k: (not (far.size and far[k]), runs[k].drive))
     note = "▲ marks an outlier; outliers stand first. The link leads to the drive's own report."
     if len(figures) > len(shown):
         note += f" The CSV file has the other {len(figures) - len(shown)} figures."
-    return Table.of("Drives", columns, order, note, wide=True)
+    head = ("drive", *(f.title for f in shown), "causes" if kind == "diagnosis" else "verdict")
+    rows = []
+    for k in order:
+        cells = [f.told(k) + (" ▲" if f.outliers[k] else "") for f in shown]
+        rows.append((_link(runs[k], files), *cells, verdict(k)))
+    return Table("Drives", head, tuple(rows), note, wide=True)
 
 
 def _picture(figure: _Figure, kind: str, number: int) -> Picture:
@@ -401,7 +380,7 @@ def _as_json(runs: Sequence[FleetRun], figures: Sequence[_Figure]) -> dict[str, 
             {
                 "figure": figure.name,
                 "unit": figure.unit,
-                "drives": int(np.count_nonzero(np.isfinite(figure.values))),
+                "drives": figure.drives,
                 "median": figure.median,
                 "robust_scatter": figure.scatter,
                 "limit_robust_deviations": figure.limit,

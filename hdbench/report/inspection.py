@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.report.canvas import COLOURS, Panel, new_figure
-from hdbench.report.numbers import DASH, unit_words
-from hdbench.report.pagemodel import Column, Picture, Table
+from hdbench.report.pagemodel import Picture, Table
 
 # height of a bar and of what stands around all of them, inch; of the spectra
 _BAR_IN, _AROUND_IN, _SPECTRA_IN = 0.3, 0.9, 2.6
@@ -21,26 +20,6 @@ _DECADES = 14.0
 
 def tables(inspection: Mapping[str, Any]) -> tuple[Table, ...]:
     """List what was found, what the motion leaves open, and every channel."""
-
-    def shown(form: str) -> Any:
-        return lambda value: DASH if value is None else format(value, form)
-
-    channels: tuple[Column, ...] = (
-        ("channel", "name"),
-        ("unit", "unit", lambda unit: unit_words(unit) or DASH),
-        ("rate (Hz)", "rate_hz", shown(".4g")),
-        ("bandwidth (Hz)", "bandwidth_hz", shown(".4g")),
-        ("step", "resolution", shown(".3g")),
-        ("noise", "noise", shown(".2g")),
-        ("held (%)", lambda one: 100.0 * one["held_share"], shown(".2g")),
-        ("made of", "derived_from", lambda name: name or DASH),
-    )
-    found: tuple[Column, ...] = (
-        ("what", "name"),
-        ("channel", lambda one: one["channel"] or DASH),
-        ("size", "detail"),
-        ("so", "consequence"),
-    )
     limits = (inspection.get("coverage") or {}).get("limits", ())
     stamps = inspection["sampling"]
     note = f"{stamps['rows']} rows without a time."
@@ -49,12 +28,9 @@ def tables(inspection: Mapping[str, Any]) -> tuple[Table, ...]:
             f"{stamps['rows']} rows at {stamps['rate_hz']:.6g} Hz, steps scatter by "
             f"{100.0 * stamps['jitter_share']:.2g} %, {len(stamps['gaps'])} gaps."
         )
-    rows, title = (*inspection["findings"], *limits), "What the log cannot tell"
     return Table.filled(
-        Table.of(title, found, rows, wide=True, stacked=True),
-        Table.of(
-            "Channels of the log", channels, inspection["channels"], note, wide=True, folded=True
-        ),
+        Table.told("findings", (*inspection["findings"], *limits)),
+        Table.told("channels", inspection["channels"], note),
     )
 
 

@@ -79,18 +79,6 @@ def _signature(signals: Signals, result: MisalignmentResult | None, name: str) -
 
 def tables(result: MisalignmentResult) -> tuple[Table, ...]:
     """List the stretches and the ripple fitted beside."""
-    stretches = Table.of(
-        "Stretches evaluated",
-        (
-            ("time (s)", lambda stretch: f"{stretch.from_s:.2f} to {stretch.to_s:.2f}"),
-            ("motor velocity (rad/s)", "motor_velocity_rad_s"),
-            ("zero (N·m)", "offset_nm"),
-        ),
-        result.stretches,
-    )
-    ripple = Table.of(
-        "Ripple fitted at the same time",
-        (("motor order", "order"), ("amplitude (N·m)", "amplitude_nm")),
-        result.ripple,
-    )
+    stretches = Table.told("stretches", result.stretches)
+    ripple = Table.told("fitted_ripple", result.ripple)
     return (*Table.filled(stretches, ripple), *extra_line_tables(result))

@@ -103,6 +103,11 @@ def parameter_words(name: str, parameter: ParameterValue) -> str:
     return f"{name_words(name)} {plain(parameter)} {unit_words(unit_of(parameter))}".strip()
 
 
+def form(value: Any, form: str) -> str:
+    """Return a number in the form of a format specification, a dash for none."""
+    return DASH if value is None else format(value, form)
+
+
 def declared(value: object) -> str:
     """Return a value as the record shows it; what is blank is not declared."""
     if value is None or value == "":

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from hdbench.records import Quantity
 from hdbench.report.numbers import plain
-from hdbench.report.texts import figure_texts
+from hdbench.report.texts import declared, expression, figure_texts, filled
 from hdbench.results.calibration import ExpandedGain
 from hdbench.results.diagnosis import ParameterValue
 
@@ -16,12 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Level = Literal["good", "look", "bad"]
-# head, the entry of a row (its name, such as a.b, or a function of the row), its text where that is
-# not plain
-Column = (
-    tuple[str, str | Callable[[Any], object]]
-    | tuple[str, str | Callable[[Any], object], Callable[[Any], str]]
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,18 +107,32 @@ class Table:
     folded: bool = False
 
     @classmethod
-    def of(
+    def told(
         cls,
-        title: str,
-        columns: Iterable[Column],
-        items: Iterable[Any],
+        key: str,
+        items: Iterable[Any] = (),
         note: str = "",
-        **look: bool,
+        *,
+        folded: bool = False,
+        **names: object,
     ) -> Table:
-        """Return a table with one row for each item."""
-        columns = tuple(columns)
-        rows = tuple(tuple(_cell(column, item) for column in columns) for item in items)
-        return cls(title, tuple(column[0] for column in columns), rows, note, **look)
+        """Return a table of ``tables.toml``: one row for each item, or the rows that stand there.
+
+        `names` are what its texts and expressions hold.
+        """
+        entry = declared("tables")[key]
+        columns = entry.get("columns", {})
+        rows = [[filled(cell, names) for cell in cells] for cells in entry.get("rows", ())]
+        rows += [[_cell(text, names, item) for text in columns.values()] for item in items]
+        return cls(
+            entry["title"].format_map(names),
+            tuple(name.format_map(names) for name in entry.get("head", columns)),
+            tuple(map(tuple, rows)),
+            note or entry.get("note", "").format_map(names),
+            entry.get("wide", False),
+            entry.get("stacked", False),
+            folded or entry.get("folded", False),
+        )
 
     @staticmethod
     def filled(*tables: Table) -> tuple[Table, ...]:
@@ -132,15 +140,10 @@ class Table:
         return tuple(table for table in tables if table.rows)
 
 
-def _cell(column: Column, item: Any) -> str:
-    entry, value = column[1], item
-    if callable(entry):
-        value = entry(item)
-    else:
-        for name in entry.split("."):
-            if value is not None:
-                value = value[name] if isinstance(value, Mapping) else getattr(value, name)
-    return column[2](value) if len(column) == 3 else plain(value)
+def _cell(text: str, names: Mapping[str, object], row: Any) -> str:
+    value = expression(text)(names, row=row)
+    # a link stays one
+    return value if isinstance(value, str) else plain(value)
 
 
 @dataclass(frozen=True, slots=True)

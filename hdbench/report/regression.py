@@ -8,9 +8,9 @@ from typing import Any
 
 from hdbench.records.csvtext import csv_text
 from hdbench.report.canvas import score_chart
-from hdbench.report.numbers import DASH, MINUS, plain, short
+from hdbench.report.numbers import MINUS, plain
 from hdbench.report.page import ReportFiles, page_files, write_page
-from hdbench.report.pagemodel import Column, Picture, Section, Table, Verdict
+from hdbench.report.pagemodel import Picture, Section, Table, Verdict
 from hdbench.report.texts import page_text
 
 _CSV_HEAD = ("case", "key", "what", "expected", "found", "allowed", "in_tolerances", "regression")
@@ -64,25 +64,11 @@ def _verdict(case: Mapping[str, Any]) -> Verdict:
 
 
 def _tables(changes: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
-    def size(value: float | None) -> str:
-        return DASH if value is None else short(float(value))
-
-    def value(key: str, absent: str) -> Any:
-        return lambda row: "absent" if row["what"] == absent else _told(row[key])
-
-    columns: tuple[Column, ...] = (
-        ("quantity", "key", str),
-        ("expected", value("expected", "new")),
-        ("found", value("found", "missing")),
-        ("tolerance", "allowed", size),
-        ("in tolerances", "in_tolerances", size),
-        ("why this tolerance", "reason", str),
-    )
     beyond = [change for change in changes if change["regression"]]
     allowed = [change for change in changes if not change["regression"]]
     return Table.filled(
-        Table.of("Beyond tolerance", columns, beyond, wide=True),
-        Table.of("Changed, but allowed", columns, allowed, wide=True),
+        Table.told("regression", beyond, title="Beyond tolerance", told=_told),
+        Table.told("regression", allowed, title="Changed, but allowed", told=_told),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from hdbench.estimation.spectrum import Spectrum, amplitude_spectrum
 from hdbench.estimation.stretches import SteadyStretch
 from hdbench.report.canvas import COLOURS, Panel, min_max, new_figure
-from hdbench.report.numbers import extra_lines, probability, short, with_std
+from hdbench.report.numbers import extra_lines, short, with_std
 from hdbench.report.pagemodel import KeyNumber, Picture, Table, Verdict
 from hdbench.report.signals import Signals, filter_picture, make_signals, steady_stretch
 from hdbench.report.source import Source
@@ -182,16 +182,7 @@ def _name_peaks(
 
 def tables(result: RippleResult) -> tuple[Table, ...]:
     """List the orders, and lines beyond them."""
-    ripple = Table.of(
-        "Ripple",
-        (
-            ("motor order", "order"),
-            ("amplitude (N·m)", "amplitude_nm"),
-            ("phase (rad)", "phase_rad"),
-            ("suppression (dB)", lambda line: _suppression(result, line.order)),
-        ),
-        result.ripple,
-    )
+    ripple = Table.told("ripple", result.ripple, taken=_suppression, result=result)
     return (ripple, *extra_line_tables(result))
 
 
@@ -206,16 +197,4 @@ def with_extra_lines(verdict: Verdict, result: MisalignmentResult | RippleResult
 
 def extra_line_tables(result: MisalignmentResult | RippleResult) -> tuple[Table, ...]:
     """Return the table of lines and tones; empty where there are none."""
-    return Table.filled(
-        Table.of(
-            "Beyond the known orders",
-            (
-                ("motor order", "order"),
-                ("frequency (Hz)", "frequency_hz"),
-                ("amplitude (N·m)", "amplitude_nm"),
-                ("false-alarm probability", "false_alarm_probability", probability),
-            ),
-            (*result.lines, *result.tones),
-            "Found in the residual of the evaluation and fitted together with the rest.",
-        )
-    )
+    return Table.filled(Table.told("extra_lines", (*result.lines, *result.tones)))

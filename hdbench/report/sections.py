@@ -66,7 +66,8 @@ def make_section(source: Source, number: int, out: Path) -> Section:
             verdict = kind.verdict(source.result)
             words = summary(source.kind, source.result, source.profile)
             numbers = kind.numbers(source.result, source.run_id)
-            tables = (*kind.tables(source.result), *_notes(source.stored), *_filter_tables(source))
+            notes = Table.filled(Table.told("notes", source.stored.get("notes", ())))
+            tables = (*kind.tables(source.result), *notes, *_filter_tables(source))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DataError(
                 f"the {source.kind} result lacks or misshapes an entry: {error}",
@@ -89,11 +90,6 @@ def make_section(source: Source, number: int, out: Path) -> Section:
         tuple(_provenance(source)),
         tuple(_raw_files(source, out)),
     )
-
-
-def _notes(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    columns = (("what", "name"), ("in words", "detail"))
-    return Table.filled(Table.of("What limits the evaluation", columns, result.get("notes", ())))
 
 
 def _data(
@@ -152,31 +148,10 @@ def _filter_tables(source: Source) -> tuple[Table, ...]:
     model = filter_model_of(source)
     if model is None or source.kind == "calibration":
         return ()
-    blocks = Table.of(
-        f"Filter used: {model.name}",
-        (
-            ("motor order", lambda block: block.order),
-            ("removes", lambda block: block.role),
-            ("process noise Q, (N·m)² per sample", lambda block: block.process_noise),
-        ),
-        model.blocks,
-    )
-    others = (
-        ("measurement noise R, (N·m)²", plain(model.measurement_noise)),
-        ("load inertia, kg·m²", plain(model.load_inertia_kg_m2)),
-        ("gear ratio", plain(model.gear_ratio)),
-        ("differentiator time constant, s", plain(model.differentiator_time_constant_s)),
-        ("turns with", "measured angle" if model.use_measured_angle else "velocity"),
-        ("torque gain, N·m/V", plain(model.torque_gain_nm_per_v)),
-    )
     return (
-        blocks,
-        Table("Other numbers of the filter", ("number", "value"), others),
-        Table(
-            "Where the filter's numbers came from",
-            ("what", "origin"),
-            tuple(model.provenance.items()),
-        ),
+        Table.told("filter_blocks", model.blocks, name=model.name),
+        Table.told("filter_numbers", model=model),
+        Table.told("filter_origins", model.provenance.items()),
     )
 
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from hdbench.records import FloatArray
 from hdbench.report.canvas import COLOURS, Panel, new_figure
-from hdbench.report.numbers import short, unit_words
+from hdbench.report.numbers import unit_words
 from hdbench.report.page import ReportFiles, page_files, write_page
-from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report.pagemodel import KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.texts import page_text, summary
 
 _DATES: Any = matplotlib.dates  # has no types
@@ -109,35 +109,11 @@ def _numbers(group: Group) -> Iterator[KeyNumber]:
 
 
 def _tables(group: Group) -> tuple[Table, ...]:
-    def day(utc: str) -> str:
-        return utc[:10]
-
-    def std(point: Mapping[str, Any]) -> str:
-        return "" if point["std"] is None else short(point["std"], point["std"])
-
-    signals: tuple[Column, ...] = (
-        ("date", "time_utc", day),
-        ("run", "run"),
-        ("chart", "chart"),
-        ("statistic", "value"),
-        ("limit", "limit"),
-    )
-    marks: tuple[Column, ...] = (("date", "time_utc", day), ("run", "run"), ("note", "text"))
-    points: tuple[Column, ...] = (
-        ("measured, UTC", lambda point: point["time_utc"][:16].replace("T", " ")),
-        ("run", "run"),
-        (
-            f"value ({unit_words(group['unit'])})",
-            lambda point: short(point["value"], point["std"]),
-        ),
-        ("std", std),
-    )
-    note = page_text("signal_note")
     many = len(group["signals"]) > _LONG
     return Table.filled(
-        Table.of("Signals", signals, group["signals"], note, wide=True, folded=many),
-        Table.of("Noted", marks, group["marks"], wide=True),
-        Table.of("Runs", points, group["points"], wide=True, folded=True),
+        Table.told("signals", group["signals"], folded=many),
+        Table.told("marks", group["marks"]),
+        Table.told("points", group["points"], unit=unit_words(group["unit"])),
     )
 
 
@@ -247,14 +223,11 @@ def _left_out(body: Mapping[str, Any], *, empty: bool) -> Section:
         text = f"No run with {body['label']}."
     elif not remarks:
         text = f"{len(left)} runs took no part."
-    columns = (("run", "run"), ("why", "why"))
     return Section(
         "all runs",
         "trend",
         "Beside the charts",
         Verdict("look" if remarks or empty else "good", text),
         summary=" ".join(remarks),
-        tables=Table.filled(
-            Table.of("Left out", columns, left, wide=True, folded=len(left) > _LONG)
-        ),
+        tables=Table.filled(Table.told("left_out", left, folded=len(left) > _LONG)),
     )

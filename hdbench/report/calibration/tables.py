@@ -3,45 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
-from hdbench.report.numbers import (
-    DASH,
-    MINUS,
-    NBSP,
-    declared,
-    fixed,
-    millivolts,
-    percent,
-    ppm,
-    rounded_with,
-    short,
-    two_digits,
-    with_std,
-)
-from hdbench.report.pagemodel import Column, Table
+from hdbench.report.numbers import DASH, MINUS, NBSP, percent, ppm, short
+from hdbench.report.pagemodel import Table
 from hdbench.report.texts import page_text
 from hdbench.results import CalibrationResult
 from hdbench.results import calibration as record
 
 # probability by chance below which a difference is told; its size is told with it
 _CHANCE = 0.05
-_ITEM = {
-    "laboratory": "calibrated by",
-    "place": "place",
-    "customer": "for",
-    "operator": "operator",
-    "drive_serial": "drive",
-    "flexspline_serial": "flexspline",
-    "gear_ratio": "gear ratio",
-    "rated_torque_nm": "rated torque (N·m)",
-    "bridge_ohm": "bridge resistance (Ω)",
-    "gauge_factor": "gauge factor",
-    "cable": "cable and wiring",
-    "amplifier_serial": "amplifier",
-    "amplifier_gain": "amplifier gain (V/V)",
-    "excitation_v": "excitation (V)",
+_ENVIRONMENT = {
+    "temperature_c": "temperature (°C)",
+    "humidity_percent": "relative humidity (%)",
+    "pressure_hpa": "air pressure (hPa)",
 }
 
 
@@ -49,52 +25,52 @@ def tables(result: CalibrationResult) -> tuple[Table, ...]:
     """List everything that a calibration record holds."""
     made: list[Table] = []
     if result.identity and result.standards and result.torque:
-        made += [_identity(result.identity), _standards(result.standards, result.torque)]
+        made.append(Table.told("identity", item=result.identity))
+        made.append(_standards(result.standards, result.torque))
     if result.uncertainty:
         made += [_gain(result, result.uncertainty), _spread(result), _equations(result)]
         made.append(_classes(result))
     if result.acceptance:
-        made.append(_acceptance(result.acceptance))
-    made.append(_budget(result))
+        tests, statement = result.acceptance.tests, result.acceptance.statement
+        made.append(Table.told("acceptance", tests, statement=statement))
+    made.append(Table.told("budget", result.budget))
     if result.torque:
         made.append(_corrections(result.torque, result.side_force))
     made = [*Table.filled(*made), _experiments(result)]
     made += [_steps(result, group) for group in result.groups]
     if result.readings:
-        made += Table.filled(
-            _environment(result), _shunt(result), _warnings(result), _readings(result)
-        )
+        environment = [(words, getattr(result.course, key)) for key, words in _ENVIRONMENT.items()]
+        made.append(Table.told("environment", environment))
+        if result.shunt:
+            made.append(_shunt(result.shunt))
+        made += Table.filled(_warnings(result))
+        made.append(Table.told("readings", result.readings, reading=_reading))
         made.append(_signatures(result))
     return tuple(made)
 
 
-def _identity(item: record.IdentityRecord) -> Table:
-    rows = tuple((words, declared(getattr(item, key))) for key, words in _ITEM.items())
-    return Table("What was calibrated", ("", ""), rows, page_text("item_note"))
-
-
 def _standards(standards: record.StandardsRecord, account: record.AppliedTorqueAccount) -> Table:
     mass, length = standards.mass, standards.length
-    meter, torque = standards.instrument, standards.torque
     grade = f"class {mass.accuracy_class}" if mass.accuracy_class else ""
     if mass.relative_half_width is not None:
         grade = f"{grade} ±{1e6 * mass.relative_half_width:.3g} ppm".strip()
     half = length.half_width_m
-    size = "not declared" if half is None else f"±{1e3 * half:.3g} mm"
-    rows = (
-        ("mass", grade or "not declared", declared(mass.certificate)),
-        ("length", size, declared(length.certificate)),
-        ("gravity", f"{account.gravity_m_s2:.6f} m/s²", str(account.gravity_source)),
-        ("instrument", _expanded(meter), declared(meter.certificate)),
-        ("instrument, type and serial", declared(meter.identity), ""),
-        ("reference torque sensor", _expanded(torque), declared(torque.certificate)),
+    return Table.told(
+        "standards",
+        account=account,
+        mass=mass,
+        grade=grade,
+        length=length,
+        length_size=None if half is None else f"±{1e3 * half:.3g} mm",
+        meter=standards.instrument,
+        torque=standards.torque,
+        expanded=_expanded,
     )
-    return Table("Standards", ("standard", "uncertainty", "certificate or source"), rows)
 
 
-def _expanded(standard: record.TorqueRecord) -> str:
+def _expanded(standard: record.TorqueRecord) -> str | None:
     size = standard.relative_expanded_uncertainty
-    return "not declared" if size is None else f"U = {1e6 * size:.3g} ppm (k = 2)"
+    return None if size is None else f"U = {1e6 * size:.3g} ppm (k = 2)"
 
 
 def _gain(result: CalibrationResult, uncertainty: record.GainUncertainty) -> Table:
@@ -113,21 +89,8 @@ def _gain(result: CalibrationResult, uncertainty: record.GainUncertainty) -> Tab
         word = "agree" if trial.agrees_with_formula else "do not agree"
         size, draws = short(trial.tolerance_nm_per_v), {"draws": trial.draws, "seed": trial.seed}
         note += " " + page_text("trial_note", ends=ends, word=word, tolerance=size, **draws)
-    columns: tuple[Column, ...] = (
-        ("gain", lambda row: names[row[0]]),
-        ("value (N·m/V)", lambda row: rounded_with(row[1].value, row[1].expanded)[0]),
-        ("U (N·m/V)", lambda row: two_digits(row[1].expanded)),
-        ("U (%)", lambda row: percent(row[1].expanded_relative, 2)),
-        ("k", lambda row: fixed(row[1].coverage_factor, 2)),
-        ("degrees of freedom", lambda row: _degrees(row[1].dof)),
-    )
-    gains = ((key, getattr(uncertainty, key)) for key in names)
-    rows = [(key, gain) for key, gain in gains if gain is not None]
-    return Table.of("Gain and its uncertainty", columns, rows, note)
-
-
-def _degrees(dof: float | None, none: str = DASH) -> str:
-    return none if dof is None else f"{dof:.3g}"
+    gains = [(words, getattr(uncertainty, key)) for key, words in names.items()]
+    return Table.told("gain", [row for row in gains if row[1] is not None], note)
 
 
 def _spread(result: CalibrationResult) -> Table:
@@ -190,38 +153,21 @@ def _equations(result: CalibrationResult) -> Table:
         a, b, c = (turn * float(x) for x in group.cubic_v)
         return f"V = {a:.6g} T {b:+.3g} T² {c:+.3g} T³".replace("-", MINUS)
 
-    columns: tuple[Column, ...] = (
-        ("group", lambda g: f"{g.direction}, {g.range}"),
-        ("volts of torque", lambda g: line("V", turn / gain(g), "T")),
-        ("torque of volts", lambda g: line("T", turn * gain(g), "V")),
-        ("cubic", cubic),
-        ("range (N·m)", lambda g: f"0 to {g.largest_torque_nm:.4g}"),
-    )
     groups = [g for g in result.groups if gain(g) is not None]
-    return Table.of("Equation both ways", columns, groups, page_text("equation_note"))
+    return Table.told("equations", groups, turn=turn, gain=gain, line=line, cubic=cubic)
 
 
 def _classes(result: CalibrationResult) -> Table:
-    def size(key: str) -> Any:
-        return lambda row: (
-            f"{getattr(row[2], key):.0f} steps"
-            if row[2].name == "resolution"
-            else f"{percent(getattr(row[2], key))}{NBSP}%"
+    def size(criterion: record.Criterion, value: float) -> str:
+        return (
+            f"{value:.0f} steps" if criterion.name == "resolution" else f"{percent(value)}{NBSP}%"
         )
 
-    columns: tuple[Column, ...] = (
-        ("group", lambda row: row[0]),
-        ("criterion", lambda row: row[1]),
-        ("largest", size("value")),
-        ("limit of the class", size("limit")),
-        ("class", lambda row: "none" if row[2].allowed is None else f"{row[2].allowed:g}"),
-    )
     note = f"{result.class_reason}."
     if result.grade is not None:
         note = f"Overall: class {result.grade:g}, indicative. {note}"
     rows = [row for group in result.groups for row in _criteria(group)]
-    title = "Indicative class, in the manner of EURAMET cg-14"
-    return Table.of(title, columns, rows, note)
+    return Table.told("classes", rows, note, size=size)
 
 
 def _criteria(group: record.LoadGroup) -> Iterator[tuple[str, str, record.Criterion]]:
@@ -240,51 +186,9 @@ def _criteria(group: record.LoadGroup) -> Iterator[tuple[str, str, record.Criter
                 yield name, f"fit, {words}", one
 
 
-def _acceptance(acceptance: record.Acceptance) -> Table:
-    words = {True: "yes", False: "no", None: "not testable"}
-    columns: tuple[Column, ...] = (
-        ("what", "name"),
-        ("value", "value"),
-        ("upper end of its 95 % interval", "upper"),
-        ("limit", "limit"),
-        ("held", "passed", words.__getitem__),
-    )
-    note = f"Decision rule: {acceptance.statement}."
-    return Table.of("Acceptance", columns, acceptance.tests, note)
-
-
-def _budget(result: CalibrationResult) -> Table:
-    def known(key: str, form: Any = short) -> Any:
-        return lambda row: form(getattr(row, key)) if row.declared else DASH
-
-    columns: tuple[Column, ...] = (
-        ("source", "name"),
-        ("half width or u", "half_width", lambda x: declared(None if x is None else float(x))),
-        ("unit", "unit"),
-        ("distribution", known("distribution", str)),
-        ("divisor", known("divisor", partial(fixed, digits=3))),
-        ("sensitivity", known("sensitivity")),
-        ("u of the gain (ppm)", known("relative_std", ppm)),
-        ("dof", "dof", partial(_degrees, none="∞")),
-        ("share (%)", known("share", partial(percent, digits=1))),
-        ("certificate or origin", "origin"),
-    )
-    return Table.of(
-        "Uncertainty budget of the gain", columns, result.budget, page_text("budget_note")
-    )
-
-
 def _corrections(torque: record.AppliedTorqueAccount, force: record.SideForce | None) -> Table:
-    note = ""
-    rows: list[tuple[str, ...]] = [
-        (
-            c.name,
-            fixed(1e6 * c.relative, 1) if c.made else "not made",
-            percent(c.uncertainty_share, 1),
-            c.detail,
-        )
-        for c in torque.corrections
-    ]
+    table, note = Table.told("corrections", torque.corrections), ""
+    rows = list(table.rows)
     if force is not None:
         half, bending = force.half_direction_difference, force.bending_nm
         size = "not known" if half is None else f"at most {ppm(half)}"
@@ -294,61 +198,36 @@ def _corrections(torque: record.AppliedTorqueAccount, force: record.SideForce | 
     if torque.largest_nm is not None:
         sizes = {"nominal": torque.largest_nominal_nm, "corrected": torque.largest_nm}
         note = page_text("torque_note", std=ppm(torque.relative_std), **sizes)
-    head = ("correction", "size (ppm)", "share of the torque's variance (%)", "with")
-    return Table("Applied torque, correction by correction", head, tuple(rows), note)
+    return replace(table, rows=tuple(rows), note=note)
 
 
 def _experiments(result: CalibrationResult) -> Table:
-    def sure(value: float, std: float | None) -> str:
-        return with_std({"value": value, "std": std})
-
-    columns: tuple[Column, ...] = (
-        ("experiment", "id"),
-        ("position (rad)", "position_rad"),
-        ("direction", "direction"),
-        ("range", "range"),
-        ("gain (N·m/V)", lambda line: sure(line.gain_nm_per_v, line.gain_std_nm_per_v)),
-        ("intercept (N·m)", lambda line: sure(line.intercept_nm, line.intercept_std_nm)),
-        ("residual rms (mN·m)", lambda line: f"{1e3 * line.residual_rms_nm:.2f}"),
-        ("readings", "n"),
-    )
     reason = str(result.gain_basis_reason)
     note = f"The uncertainty of the mean gain rests on: {reason}." if reason else ""
-    title = "Experiments, by the report's method"
-    return Table.of(title, columns, result.experiments, note)
+    return Table.told("experiments", result.experiments, note)
 
 
 def _steps(result: CalibrationResult, group: record.LoadGroup) -> Table:
     """Return the evaluation step by step of one group."""
 
-    def best(key: str, form: Any = percent) -> Any:
-        return lambda step: form(getattr(step.increasing_decreasing or step.increasing, key, None))
+    def best(step: record.LoadStep) -> record.StepUncertainty | None:
+        return step.increasing_decreasing or step.increasing
 
-    def off(step: record.LoadStep) -> str:
+    def off(step: record.LoadStep) -> float | None:
         line = step.deviation_up_down_relative
-        return percent(step.deviation_linear_relative if line is None else line)
+        return step.deviation_linear_relative if line is None else line
 
-    both = "increasing_decreasing"
-    columns: tuple[Column, ...] = (
-        ("T (N·m)", "torque_nm", partial(fixed, digits=4)),
-        ("Y (mV)", "deflection_v", millivolts),
-        ("line (mV)", "fitted_v", millivolts),
-        ("b' (%)", "repeatability_relative", percent),
-        ("b (%)", "reproducibility_relative", percent),
-        ("h (%)", "reversibility_relative", percent),
-        ("fa (%)", off),
-        ("w (%)", best("relative_std")),
-        ("k from dof", best("coverage_factor", partial(fixed, digits=2))),
-        ("W I, k = 2 (%)", "increasing.expanded_relative_k2", percent),
-        ("W I (%)", "increasing.expanded_relative", percent),
-        ("W II, k = 2 (%)", f"{both}.expanded_relative_k2_with_deviation", percent),
-        ("W II (%)", f"{both}.expanded_relative_with_deviation", percent),
-        ("U (N·m)", best("expanded_nm", two_digits)),
+    return Table.told(
+        "steps",
+        steps_of(result, group),
+        words=_group_words(group),
+        positions=group.n_positions,
+        series=group.n_series,
+        zero=percent(group.zero_relative),
+        method=result.method,
+        best=best,
+        off=off,
     )
-    zero, counts = percent(group.zero_relative), {"series": group.n_series, "method": result.method}
-    note = page_text("step_note", positions=group.n_positions, zero=zero, **counts)
-    title = f"Evaluation step by step: {_group_words(group)}"
-    return Table.of(title, columns, steps_of(result, group), note)
 
 
 def steps_of(result: CalibrationResult, group: record.LoadGroup) -> list[record.LoadStep]:
@@ -369,41 +248,13 @@ def _group_words(group: record.LoadGroup) -> str:
     return words
 
 
-def _environment(result: CalibrationResult) -> Table:
-    rows: list[tuple[str, ...]] = []
-    for key, words in (
-        ("temperature_c", "temperature (°C)"),
-        ("humidity_percent", "relative humidity (%)"),
-        ("pressure_hpa", "air pressure (hPa)"),
-    ):
-        ends = getattr(result.course, key)
-        if ends is None:
-            rows.append((words, "not told", "not told", DASH))
-        else:
-            sizes = (ends.first, ends.last, ends.largest - ends.least)
-            rows.append((words, *(fixed(size, 2) for size in sizes)))
-    head = ("", "at the first reading", "at the last", "largest less least")
-    return Table("Environment", head, tuple(rows))
-
-
-def _shunt(result: CalibrationResult) -> Table:
-    shunt = result.shunt
-    if shunt is None:
-        return Table("Shunt check", (), ())
+def _shunt(shunt: record.ShuntRecord) -> Table:
     words = {True: "within the tolerance", False: "outside the tolerance", None: "not compared"}
     change = words[shunt.within]
     if shunt.change is not None:
         limit = "" if shunt.tolerance is None else f" of {percent(shunt.tolerance)} %"
         change = f"{percent(shunt.change)} %, {change}{limit}"
-    rows = (
-        ("resistor (Ω)", fixed(shunt.resistor_ohm, 0)),
-        ("reading with less without (V)", fixed(shunt.reading_v, 4)),
-        ("at the last calibration (V)", declared(shunt.expected_v)),
-        ("change", change),
-        ("torque equivalent (N·m)", fixed(shunt.torque_equivalent_nm, 3)),
-    )
-    note = "The shunt checks amplifier, excitation and wiring, not the transducer."
-    return Table("Shunt check", ("", ""), rows, note)
+    return Table.told("shunt", shunt=shunt, change=change)
 
 
 def _warnings(result: CalibrationResult) -> Table:
@@ -451,27 +302,9 @@ def _unlikely(probability: float | None) -> bool:
     return probability is not None and probability < _CHANCE
 
 
-def _readings(result: CalibrationResult) -> Table:
-    def reading(r: record.ReadingRecord) -> str:
-        volts = r.reading_v
-        return short(volts, (r.reading_std_v or 0.0) / 10.0 or 1e-4 * abs(volts))
-
-    def series(r: record.ReadingRecord) -> str:
-        return str(r.series) + ("" if r.kind == "reading" else f" ({r.kind})")
-
-    columns: tuple[Column, ...] = (
-        ("experiment", "experiment"),
-        ("series", series),
-        ("torque (N·m)", "torque_nm", partial(fixed, digits=4)),
-        ("mass (kg)", "mass_kg", lambda mass: DASH if mass is None else f"{mass:g}"),
-        ("reading (V)", reading),
-        ("s (mV)", "reading_std_v", millivolts),
-        ("samples", "n_samples"),
-        ("time (s)", "time_s", partial(fixed, digits=1)),
-        ("temperature (°C)", "temperature_c", partial(fixed, digits=2)),
-        ("marks", "flags", ", ".join),
-    )
-    return Table.of("Readings", columns, result.readings)
+def _reading(r: record.ReadingRecord) -> str:
+    volts = r.reading_v
+    return short(volts, (r.reading_std_v or 0.0) / 10.0 or 1e-4 * abs(volts))
 
 
 def _signatures(result: CalibrationResult) -> Table:
@@ -480,9 +313,4 @@ def _signatures(result: CalibrationResult) -> Table:
     until = (
         DASH if days is None else f"runs refuse it after {days:g} days, except with --allow-expired"
     )
-    rows = (
-        ("calibrated by (name, date, signature)", operator),
-        ("checked by (name, date, signature)", ""),
-        ("validity", until),
-    )
-    return Table("Signatures", ("", ""), rows, "End of the calibration record.")
+    return Table.told("signatures", operator=operator, until=until)

@@ -19,9 +19,8 @@ from hdbench.report.numbers import (
     unit_of,
     unit_words,
 )
-from hdbench.report.pagemodel import Column, KeyNumber, Level, Picture, Table, Verdict
+from hdbench.report.pagemodel import KeyNumber, Level, Picture, Table, Verdict
 from hdbench.report.source import Source
-from hdbench.report.texts import page_text
 from hdbench.results.diagnosis import (
     DiagnosisResult,
     Gain,
@@ -29,7 +28,6 @@ from hdbench.results.diagnosis import (
     ParameterValue,
     RecordPart,
     Unexplained,
-    Voice,
 )
 
 _VERDICTS: dict[str, tuple[Level, str]] = {
@@ -117,38 +115,15 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
 
 def tables(result: DiagnosisResult) -> tuple[Table, ...]:
     """List causes, unexplained places, what could have been missed and what cannot show."""
-    columns: tuple[Column, ...] = (
-        ("cause", _names),
-        ("parameters", lambda cause: _sizes(cause.parameters)),
-        ("what speaks for it", _evidence),
-    )
-    layout: Any = {"wide": True, "stacked": True}
+    told: Any = {"names": _names, "sizes": _sizes, "evidence": _evidence}
+    places: Any = {"unit": _unit, "share": _share}
     found = Table.filled(
-        Table.of("Causes", columns, result.causes, **layout),
-        Table.of("Smaller causes", columns, result.minor, **layout),
+        Table.told("causes", result.causes, title="Causes", **told),
+        Table.told("causes", result.minor, title="Smaller causes", **told),
         _records_of_causes(result),
-        Table.of(
-            "Records",
-            (
-                ("record", "record", str),
-                ("held-out, simulation (N·m)", "simulated.heldout_rms_nm"),
-                ("held-out, extended (N·m)", "extended.heldout_rms_nm"),
-                ("remark", _remark),
-            ),
-            result.records,
-            **layout,
-        ),
-        Table.of(
-            "Unexplained",
-            (("axis", _axes), ("place", _place), ("size", _size)),
-            result.unexplained,
-            stacked=True,
-        ),
-        Table.of(
-            "Smallest effect this record would have shown",
-            (("cause", "name"), ("amplitude (N·m)", "amplitude_nm")),
-            result.minimum_detectable,
-        ),
+        Table.told("records", result.records, remark=_remark),
+        Table.told("unexplained", result.unexplained, **places),
+        Table.told("detectable", result.minimum_detectable),
         _testable(result),
     )
     inspected = result.inspection
@@ -185,21 +160,8 @@ def _share(value: float) -> str:
 
 def _records_of_causes(result: DiagnosisResult) -> Table:
     """List what each of several records says of each cause; no rows for one record."""
-
-    def says(row: tuple[str, Voice]) -> str:
-        one = row[1]
-        words = (f"{one.evidence_nats:.1f} nats", _explained(one.gain))
-        return "\n".join((*words, "disagrees") if one.disagrees else words)
-
-    columns: tuple[Column, ...] = (
-        ("cause", lambda row: row[0]),
-        ("record", lambda row: row[1].record),
-        ("what it says", says),
-        ("size in it alone", lambda row: _sizes(row[1].parameters) or DASH),
-    )
     rows = [(cause.name, one) for cause in (*result.causes, *result.minor) for one in cause.voices]
-    title = "Which record speaks for which cause"
-    return Table.of(title, columns, rows, page_text("voice_note"), wide=True, stacked=True)
+    return Table.told("voices", rows, explained=_explained, sizes=_sizes)
 
 
 def _remark(record: RecordPart) -> str:
@@ -208,18 +170,8 @@ def _remark(record: RecordPart) -> str:
     return f"left out: {record.left_out}" if record.left_out else DASH
 
 
-def _axes(place: Unexplained) -> str:
-    return f"{place.domain}\nwith {place.second_domain}" if place.second_domain else place.domain
-
-
-def _place(place: Unexplained) -> str:
-    unit = "" if place.unit == "1" else f" {place.unit}"
-    low, high = place.extent
-    return f"{plain(place.location)}{unit}\n{plain(low)} to {plain(high)}{unit}"
-
-
-def _size(place: Unexplained) -> str:
-    return f"{plain(place.size_nm)} N·m\n{_share(place.share_of_variance)} of the variance"
+def _unit(place: Unexplained) -> str:
+    return "" if place.unit == "1" else f" {place.unit}"
 
 
 def _testable(result: DiagnosisResult) -> Table:
@@ -231,11 +183,5 @@ def _testable(result: DiagnosisResult) -> Table:
             seen.setdefault(words, []).append(one.name)
     rows = sorted(seen.items(), reverse=True)
     rows += [(f"no: {reason}", names) for reason, names in hidden_names(result).items()]
-    title = (
-        f"What this record can test: {sum(map(len, seen.values()))} of {len(result.testable)} names"
-    )
-    columns: tuple[Column, ...] = (
-        ("can this record show it", lambda row: row[0]),
-        ("names", lambda row: ", ".join(row[1])),
-    )
-    return Table.of(title, columns, rows, wide=True, stacked=True, folded=True)
+    count = sum(map(len, seen.values()))
+    return Table.told("testable", rows, seen=count, count=len(result.testable))
