@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import difflib
 import importlib
+from collections.abc import Iterable
 from typing import Any
 
 import click
 
+from hdbench.errors import UsageError
 from hdbench_cli.options import declared, parameter
 from hdbench_cli.output import Output
 
@@ -86,6 +88,7 @@ def made(name: str) -> click.Command:
 
     @click.pass_obj
     def run(output: Output, /, **values: Any) -> Any:
+        _refuse(told.get("refuses", ()), values)
         module = importlib.import_module(f"hdbench_cli.commands.{told['module']}")
         function = name.rpartition(" ")[2].replace("-", "_") + "_command"
         return getattr(module, function)(output, **values)
@@ -93,6 +96,18 @@ def made(name: str) -> click.Command:
     params = [parameter(name, entry) for entry in told.get("takes", "").split()]
     kind = BatchCommand if name == "batch" else click.Command
     return kind(**told_of_all, callback=run, params=[*params, *shared_options()])
+
+
+def _refuse(rules: Iterable[dict[str, Any]], values: dict[str, Any]) -> None:
+    """Refuse options that contradict each other."""
+    given = {
+        name for name, value in values.items() if value not in (None, ()) and value is not False
+    }
+    for rule in rules:
+        several = "several" not in rule or len(values[rule["several"]]) > 1
+        if several and given >= {*rule.get("with", ())} and not given & {*rule.get("without", ())}:
+            what = rule["what"].format_map(values)
+            raise UsageError(what, where=rule["where"], fix=rule["fix"])
 
 
 def shared_options() -> list[click.Parameter]:

@@ -19,8 +19,7 @@ from hdbench.records.exporting import export_records, gather
 from hdbench.records.parquetfile import require_parquet
 from hdbench.records.runfolder import utc_now
 from hdbench.ripple import Stretch
-from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, make_plan, run_experiment
-from hdbench.session.calibrating.plan import Preset
+from hdbench.session import BenchOptions, evaluate_stored, make_plan, run_experiment
 from hdbench.session.experiments import profile_of, resume_run, stored_address
 from hdbench.session.plans import Plan
 from hdbench_cli.asking.operator import ConsoleOperator, Who, calibration_talk, silent
@@ -34,43 +33,39 @@ from hdbench_cli.text import Lines
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What the user asked an experiment command, or `runs resume`, for."""
+    """What the user asked an experiment command, or `runs resume`, for; `bench` is how to run."""
 
     kind: str
+    bench: BenchOptions
     profile_name: str | None = None
-    out: Path = Path("runs")
     drive: str | None = None
     source: Path | None = None
-    address: str | None = None
-    control: str | None = None
-    plant: str = "as-modelled"
-    seed: int = 0
     dry_run: bool = False
     yes: bool = False
     no_input: bool = False
     check: bool = False
-    realtime: bool | None = False
     no_report: bool = False
     form: str = "csv"
-    calibration: Path | None = None
-    allow_expired: bool = False
-    misalignment: Path | None = None
-    filter_name: str | None = None
     stretch: Stretch | None = None
     plan_file: Path | None = None
-    preset: Preset | None = None
     who: Who = "auto"
     mistakes: str = ""
 
 
+def _request(kind: str, *, mistakes: str = "", **options: Any) -> Request:
+    """Return the options of a command, those of the bench apart."""
+    bench = {e.name: options.pop(e.name) for e in fields(BenchOptions) if e.name in options}
+    return Request(kind, BenchOptions(**bench), mistakes=mistakes, **options)
+
+
 def calibrate_command(output: Output, /, **options: Any) -> None:
     """Calibrate the torque sensor."""
-    run(output, Request("calibration", **options))
+    run(output, _request("calibration", **options))
 
 
 def run_misalignment_command(output: Output, /, **options: Any) -> None:
     """Measure the misalignment torque."""
-    run(output, Request("misalignment", **options))
+    run(output, _request("misalignment", **options))
 
 
 def run_ripple_command(
@@ -82,29 +77,35 @@ def run_ripple_command(
     **options: Any,
 ) -> None:
     """Measure the torque ripple."""
-    run(output, Request("ripple", stretch=Stretch(velocity_above, from_s, to_s), **options))
+    stretch = Stretch(velocity_above, from_s, to_s)
+    run(output, _request("ripple", stretch=stretch, **options))
 
 
 def run(output: Output, request: Request) -> None:
     """Run one experiment command."""
     profile = choose_profile(request.profile_name, request.source, request.drive)
-    if request.plan_file is not None and request.source is not None:
-        raise UsageError(
-            "--plan and --from together; needed: one, a stored run has its own motion",
-            where="--plan",
-            fix="leave out --from to measure, or --plan to evaluate again",
-        )
     if request.form == "parquet":
         require_parquet("--format parquet")
     if request.dry_run:
         _show_plan(output, request, profile)
         return
     if request.source is not None:
-        folder, result = _from_stored(request, request.source, profile)
+        bench = request.bench
+        stored, found = evaluate_stored(
+            request.kind,
+            request.source,
+            profile,
+            out=bench.out,
+            calibration=bench.calibration,
+            misalignment=bench.misalignment,
+            filter_name=bench.filter_name,
+            stretch=request.stretch,
+        )
+        folder, result = stored.path, found.to_json()
     else:
         with _watched(output, request, profile) as (options, progress):
             outcome = run_experiment(request.kind, profile, options, progress)
-        folder, result = _outcome(outcome)
+        folder, result = outcome.folder.path, outcome.result.to_json()
     if request.form == "parquet":
         _keep_parquet(folder, profile)
     _present(output, request, profile, folder, result)
@@ -113,18 +114,15 @@ def run(output: Output, request: Request) -> None:
 def resume_command(output: Output, /, run: Path, realtime: bool, **options: Any) -> None:
     """Go on with a run that was stopped, and show its result."""
     folder = RunFolder.open(run)
-    request = Request(str(folder.manifest["kind"]), out=run.parent, **options)
+    request = _request(str(folder.manifest["kind"]), out=run.parent, **options)
     # without the option the bench keeps time as it did before
-    address = request.address or stored_address(folder)
-    request = replace(request, address=address, realtime=realtime or None)
+    address = request.bench.address or stored_address(folder)
+    bench = replace(request.bench, address=address, realtime=realtime or None)
+    request = replace(request, bench=bench)
     profile = profile_of(folder)
     with _watched(output, request, profile) as (asked, progress):
         outcome = resume_run(run, asked, progress)
-    _present(output, request, profile, *_outcome(outcome))
-
-
-def _outcome(outcome: RunOutcome) -> tuple[Path, Mapping[str, Any]]:
-    return outcome.folder.path, outcome.result.to_json()
+    _present(output, request, profile, outcome.folder.path, outcome.result.to_json())
 
 
 @contextmanager
@@ -133,26 +131,24 @@ def _watched(
 ) -> Iterator[tuple[BenchOptions, Callable[[str, float], None]]]:
     """Yield the options of a run and its progress: with who answers, or with a live view."""
     person = request.yes or not request.no_input
-    asked = {entry.name: getattr(request, entry.name) for entry in fields(request)}
-    of_person = {
-        "operator": ConsoleOperator(motion_confirmed=request.yes) if person else None,
-        "motion": _motion(request),
-        "mistakes": parse_mistakes(request.mistakes),
-    }
-    known = {entry.name for entry in fields(BenchOptions)}
-    options = BenchOptions(**{k: v for k, v in {**asked, **of_person}.items() if k in known})
+    options = replace(
+        request.bench,
+        operator=ConsoleOperator(motion_confirmed=request.yes) if person else None,
+        motion=_motion(request),
+        mistakes=parse_mistakes(request.mistakes),
+    )
     if request.kind == "calibration":
         with calibration_talk(
             output,
             request.who,
             profile,
             no_input=request.no_input,
-            address=request.address,
-            control=request.control,
+            address=options.address,
+            control=options.control,
         ) as (talk, rehearse, progress):
             yield replace(options, talk=talk, rehearse=rehearse), progress
         return
-    with live_view(request.kind, profile, request.out) as watcher:
+    with live_view(request.kind, profile, options.out) as watcher:
         yield replace(options, watcher=watcher), silent
 
 
@@ -160,7 +156,6 @@ def _motion(request: Request) -> MotionPlan | None:
     """Return the content of the plan file that was asked for."""
     if request.plan_file is None:
         return None
-
     motion = read_plan(request.plan_file)
     if motion.needs_operator and request.no_input and not request.dry_run:
         raise UsageError(
@@ -172,23 +167,6 @@ def _motion(request: Request) -> MotionPlan | None:
     return motion
 
 
-def _from_stored(
-    request: Request, source: Path, profile: Profile
-) -> tuple[Path, Mapping[str, Any]]:
-
-    folder, found = evaluate_stored(
-        request.kind,
-        source,
-        profile,
-        out=request.out,
-        calibration=request.calibration,
-        misalignment=request.misalignment,
-        filter_name=request.filter_name,
-        stretch=request.stretch,
-    )
-    return folder.path, found.to_json()
-
-
 def _keep_parquet(folder: Path, profile: Profile) -> None:
     """Write the run's data as Parquet beside the CSV file, listed among the run's files."""
     made = export_records(gather(folder, profile.data.arm), folder, "parquet")
@@ -196,8 +174,7 @@ def _keep_parquet(folder: Path, profile: Profile) -> None:
 
 
 def _show_plan(output: Output, request: Request, profile: Profile) -> None:
-
-    plan = make_plan(request.kind, profile, _motion(request), preset=request.preset)
+    plan = make_plan(request.kind, profile, _motion(request), preset=request.bench.preset)
     age = _calibration_age(request, profile)
     limits = profile.data.limits.model_dump(exclude_none=True)
 
@@ -227,15 +204,14 @@ def _handling(plan: Plan) -> str:
 
 def _calibration_age(request: Request, profile: Profile) -> str:
     """Say how old the calibration is that a run would use; an expired one is refused."""
-    if request.calibration is None:
+    if request.bench.calibration is None:
         return ""
-
     scale = checked_age(
-        read_calibration(request.calibration),
-        request.calibration,
+        read_calibration(request.bench.calibration),
+        request.bench.calibration,
         profile,
         now=utc_now(),
-        allow_expired=request.allow_expired,
+        allow_expired=request.bench.allow_expired,
     )
     return f"{scale.source}: {scale.age_words}"
 
@@ -263,7 +239,7 @@ def _present(
                 folder,
                 result,
                 profile_name=request.profile_name,
-                calibration=request.calibration,
+                calibration=request.bench.calibration,
             )
         )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import UsageError
 from hdbench.filter.firmware import export_firmware
 from hdbench.filter.presets import choose_filter
 from hdbench.records.exporting import export_records, gather
@@ -23,32 +22,10 @@ def export_command(
     profile_name: str | None,
 ) -> None:
     """Write a filter model as C99 source, or the records of runs for other programs."""
-    _check_asked(sources, kind, filter_name)
     if kind is not None:
         _export_records(output, sources, kind, out, profile_name)
     elif filter_name is not None:
         _export_filter(output, filter_name, out, period_s, profile_name)
-
-
-def _check_asked(sources: tuple[Path, ...], kind: str | None, filter_name: str | None) -> None:
-    where = "hdbench export"
-    if (filter_name is None) == (kind is None):
-        found = "both --model and --format" if kind else "neither --model nor --format"
-        raise UsageError(
-            f"{found}; needed: one of them",
-            where=where,
-            fix="--model NAME|FILE writes firmware, RUN --format parquet|hdf5|mat writes records",
-        )
-    if kind is not None and not sources:
-        raise UsageError(
-            f"--format {kind} without a run or file", where=where, fix="name the run to export"
-        )
-    if filter_name is not None and sources:
-        raise UsageError(
-            f"--model {filter_name} beside {sources[0]}; needed: the model alone",
-            where=where,
-            fix="leave out the run, or export its records with --format",
-        )
 
 
 def _export_records(

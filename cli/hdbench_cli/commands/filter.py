@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
 from hdbench.errors import DataError, DoubtfulDataError
@@ -39,12 +38,6 @@ _TRUTH = "torque_true_nm"
 
 def filter_command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Remove ripple and misalignment from stored traces."""
-    if options["gain"] is not None and options["calibration"] is not None:
-        raise click.UsageError("--gain and --calibration both name a gain; give one")
-    if options["plot"] is not None and not options["compare"]:
-        raise click.UsageError("--plot draws the comparison; ask for --compare too")
-    if options["plot"] is not None and len(sources) > 1:
-        raise click.UsageError("--plot draws one input; filter them one by one")
     files = targets(out, sources)
     bodies = [_filtered(*pair, **options) for pair in zip(sources, files, strict=True)]
     show_results(output, bodies, out, _lines)

@@ -20,7 +20,6 @@ from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.trace import no_time
 from hdbench.profile import Profile
-from hdbench.records import result_header
 from hdbench_cli.inputs import choose_profile
 from hdbench_cli.next_step import after_import, next_line
 from hdbench_cli.output import Output
@@ -95,15 +94,14 @@ def _listing(
     if proposal.no_time and output.json:
         raise no_time(source)
     body = {
-        **result_header("import", profile),
         "file": str(file),
         "form": source.form,
         "channels": [fact.to_dict() for fact in facts],
         "notes": list(source.notes),
         "proposal": proposal.to_dict(file, out),
     }
-    command = proposal.command(file, out)
-    output.result(body, _listed(source, facts, proposal, command))
+    lines = _listed(source, facts, proposal, proposal.command(file, out))
+    output.result(body, lines, kind="import", profile=profile)
     if proposal.no_time:
         raise no_time(source)
     if not ask or proposal.needs or output.json:
@@ -135,12 +133,6 @@ def import_command(
     **layout: Any,
 ) -> None:
     """Import traces and loads from other programs."""
-    if layout["from_logger"] is not None and layout["no_header"]:
-        raise UsageError(
-            "--from-logger needs the row of column names that --no-header denies",
-            where="--from-logger",
-            fix="leave one of them out",
-        )
     profile = choose_profile(profile_name, None)
     timed = {"time_s": time} if time is not None else {}
     recipe = Recipe(
@@ -188,14 +180,13 @@ def _run(
     arm = profile.data.arm
     if not out.is_dir():
         report = import_files(recipe, files, out, arm, ratio)
-        body = {**result_header("import", profile), **report.to_dict()}
-        output.result(body, _imported(report, profile_name))
+        lines = _imported(report, profile_name)
+        output.result(report.to_dict(), lines, kind="import", profile=profile)
         return
     reports = [import_files(recipe, [file], out / _default_out(file), arm, ratio) for file in files]
-    told = [report.to_dict() for report in reports]
-    whole = {**result_header("import", profile), "imports": told}
+    told = {"imports": [report.to_dict() for report in reports]}
     lines = (line for report in reports for line in _imported(report, profile_name))
-    output.result(whole, lines)
+    output.result(told, lines, kind="import", profile=profile)
 
 
 def _staircase(
@@ -207,8 +198,7 @@ def _staircase(
             f"{len(files)} files", where="FILE", fix="bring in one staircase at a time"
         )
     report = import_staircase(plan, files[0], out, profile.data.arm)
-    body = {**result_header("import", profile), **report.to_dict()}
-    output.result(body, _plateaus(report))
+    output.result(report.to_dict(), _plateaus(report), kind="import", profile=profile)
 
 
 def _numbers(loads: str | None) -> tuple[float, ...]:

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import click
-
 from hdbench.filter import filter_channels, orders
 from hdbench.filter.presets import choose_filter
 from hdbench.records import Trace, result_header, write_atomic, write_trace
@@ -38,8 +36,6 @@ def orders_command(
     output: Output, /, sources: tuple[Path, ...], out: Path | None, **options: Any
 ) -> None:
     """Show the torque by order: spectrum over the motor angle, map, every order over time."""
-    if len(sources) > 1 and (options["map_file"] is not None or options["plot"] is not None):
-        raise click.UsageError("--map and --plot are of one input; give them one by one")
     files = [None] * len(sources) if out is None else targets(out, sources)
     bodies = [_orders(*pair, **options) for pair in zip(sources, files, strict=True)]
     show_results(output, bodies, out, _lines)

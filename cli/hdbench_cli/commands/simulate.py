@@ -27,7 +27,7 @@ def simulate_command(
     out: Path,
 ) -> None:
     """Compute the bench model, alone or on a measured motion."""
-    _check_out(out, like, duration_s)
+    _check_out(out, like)
     profile = choose_profile(profile_name, like)
     model = load_model(model_file) if model_file else BenchModel.from_profile(profile.data)
     rng = np.random.default_rng(seed)
@@ -67,14 +67,8 @@ def simulate_command(
         )
 
 
-def _check_out(out: Path, like: Path | None, duration_s: float | None) -> None:
-    """Refuse options that contradict each other, and to write over the measured trace."""
-    if like is not None and duration_s is not None:
-        raise UsageError(
-            "--duration and --like together; needed: one, a measured motion has its own length",
-            where="hdbench simulate",
-            fix="leave out --duration",
-        )
+def _check_out(out: Path, like: Path | None) -> None:
+    """Refuse to write over the measured trace."""
     if not out.name.endswith((".csv", ".csv.gz")):
         raise UsageError(
             f"{out.name} has no trace's ending; needed: .csv or .csv.gz",
