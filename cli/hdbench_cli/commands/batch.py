@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -65,20 +66,16 @@ def batch_command(
     kind = COMMANDS[name]
     named = tuple(str(newest_run(word) or word) for word in inputs)
     entries = expand_inputs(named, kinds=kind.kinds, any_file=kind.any_file, whole=kind.whole)
-    asked = Asked(name, ctx)
-    jobs = [asked.job(entry) for entry in entries]
+    jobs = [*_jobs(name, ctx, entries)]
     seats = Workers(workers or usable_cores(), scheduler, retries, memory)
     with closing(BatchFolder(out, name, resume=resume)) as folder:
         batch = _Run(folder, [*zip(entries, jobs, folder.names(entries), strict=True)], name)
         try:
             batch.run(seats)
         except (KeyboardInterrupt, SystemExit) as stop:
-            batch.write()
             raise _stopped(stop, batch, ctx, inputs) from None
-        except BaseException:
+        finally:
             batch.write()
-            raise
-        batch.write()
     _tell(output, batch, out)
 
 
@@ -252,23 +249,17 @@ class Job:
     digest: str
 
 
-class Asked:
-    """What is asked of every input, with files among the options known by their content."""
-
-    def __init__(self, name: str, ctx: click.Context) -> None:
-        self._name = name
-        self._words = [*_words(ctx, name)]
-        self._known = {option for param in batch_options(name) for option in param.opts}
-        self._digests: dict[str, str] = {}
-
-    def job(self, entry: Input) -> Job:
-        """Return what is asked of one input."""
-        given = {"--profile": entry.profile, "--calibration": entry.calibration}
-        words = list(self._words)
-        for option, value in given.items():
-            if value and option not in self._known:
+def _jobs(name: str, ctx: click.Context, entries: Sequence[Input]) -> Iterator[Job]:
+    """Yield what is asked of each input, with files among the options known by their content."""
+    typed = [*_words(ctx, name)]
+    known = {option for param in batch_options(name) for option in param.opts}
+    digest_of, profile_of = cache(_meaning), cache(_profile_digest)
+    for entry in entries:
+        words = list(typed)
+        for option, value in (("--profile", entry.profile), ("--calibration", entry.calibration)):
+            if value and option not in known:
                 raise UsageError(
-                    f"the list names a {option[2:]}, and {self._name} takes none",
+                    f"the list names a {option[2:]}, and {name} takes none",
                     where=str(entry.path),
                     fix="leave that column out",
                 )
@@ -276,26 +267,23 @@ class Asked:
         profile = dict(words).get("--profile", "")
         meaning = [
             __version__,
-            self._name,
-            self._profile(profile) if "--profile" in self._known else "",
-            [(option, self._meaning(value)) for option, value in words],
+            name,
+            profile_of(profile) if "--profile" in known else "",
+            [(option, digest_of(value)) for option, value in words],
         ]
         digest = hashlib.sha256(json.dumps(meaning).encode()).hexdigest()
         flat = (word for pair in words for word in (pair[0], _absolute(pair[1])) if word)
-        return Job(tuple(flat), digest)
+        yield Job(tuple(flat), digest)
 
-    def _meaning(self, value: str) -> str:
-        """Return the digest of what a word names, else the word."""
-        if value not in self._digests:
-            found = bool(value) and Path(value).exists()
-            self._digests[value] = content_of(Path(value)).sha256 if found else value
-        return self._digests[value]
 
-    def _profile(self, name: str) -> str:
-        key = f"profile {name}"
-        if key not in self._digests:
-            self._digests[key] = choose_profile(name or None, None).sha256
-        return self._digests[key]
+def _meaning(value: str) -> str:
+    """Return the digest of what a word names, else the word."""
+    found = bool(value) and Path(value).exists()
+    return content_of(Path(value)).sha256 if found else value
+
+
+def _profile_digest(name: str) -> str:
+    return choose_profile(name or None, None).sha256
 
 
 def _words(ctx: click.Context, name: str) -> Iterator[tuple[str, str]]:

@@ -82,11 +82,8 @@ def errors_command(
     tolerance = Tolerance(*(asked[name] for name in _TOLERANCE))
     found = tabulate_errors(bench, tolerance, draws=asked["draws"], seed=asked["seed"])
     told = found.to_dict()
-    body = {
-        "flexspline": profile.data.drive.flexspline,
-        **told,
-        "sentence": _sentence(told),
-    }
+    flexspline = profile.data.drive.flexspline
+    body = {"flexspline": flexspline, **told, "sentence": _sentence(told)}
     if csv_file is not None:
         write_atomic(csv_file, table_as_csv(found).encode())
         body["files"] = {"csv": str(csv_file)}

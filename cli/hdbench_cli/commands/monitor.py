@@ -61,10 +61,7 @@ def monitor_command(
             plant=plant,
             seed=seed,
         )
-    body = {
-        "torque_scale": scale.to_dict(),
-        **asdict(seen),
-    }
+    body = {"torque_scale": scale.to_dict(), **asdict(seen)}
     signum = body.pop("stopped_by")
     output.result(body, _lines(body), kind="monitor", profile=profile)
     if signum is not None:

@@ -39,9 +39,8 @@ def plan_command(
                 fix=next(settled, "name other causes, or allow more --duration"),
             )
         write_plan(out, plan)
-    body = {**report}
-    body["plan_file"] = None if out is None else str(out)
-    body["command"] = None if out is None else f"hdbench run-ripple --plan {out}"
+    command = None if out is None else f"hdbench run-ripple --plan {out}"
+    body = {**report, "plan_file": None if out is None else str(out), "command": command}
     output.result(body, _lines(body), kind="plan-report", profile=profile)
 
 

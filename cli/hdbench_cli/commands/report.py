@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 from hdbench_cli.inputs import choose_profile
@@ -22,9 +23,5 @@ def report_command(
         files = write_fleet(fleet_runs(runs), out or alone / "fleet.html")
     else:
         files = write_report(runs, out or alone / "report.html", profile=profile)
-    body = {
-        "html": str(files.html),
-        "csv": str(files.csv),
-        "json": str(files.json),
-    }
+    body = {name: str(path) for name, path in asdict(files).items()}
     output.result(body, [f"report  {files.html}"], kind="report-files", profile=profile)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -40,16 +41,9 @@ def response_command(
     responses = []
     for velocity in velocities or _speeds(profile):
         item = filter_response(model, velocity, period).to_dict()
-        item["injection"] = [
-            {"frequency_hz": p.frequency_hz, "measured": p.measured, "algebra": p.algebra}
-            for p in inject(model, velocity, period, injected)
-        ]
+        item["injection"] = [asdict(p) for p in inject(model, velocity, period, injected)]
         responses.append(item)
-    body = {
-        "sample_period_s": period,
-        "responses": responses,
-        "filter": model.to_dict(),
-    }
+    body = {"sample_period_s": period, "responses": responses, "filter": model.to_dict()}
     if plot is not None:
         from hdbench.report.plots import plot_response
 

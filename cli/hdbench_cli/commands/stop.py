@@ -16,5 +16,4 @@ def stop_command(output: Output, profile_name: str | None, address: str | None) 
     safe = stop_bench(profile, address=address)
     if not safe.confirmed:
         raise UnsafeError.unconfirmed(safe.detail, where=address or profile.data.daq.address)
-    body = {**asdict(safe)}
-    output.result(body, [f"stopped: {safe.detail}"], kind="stop", profile=profile)
+    output.result(asdict(safe), [f"stopped: {safe.detail}"], kind="stop", profile=profile)

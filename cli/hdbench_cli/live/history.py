@@ -93,7 +93,7 @@ class History:
     columns: dict[str, Array] = field(default_factory=dict, init=False)
     _seen: list[tuple[float, int, float]] = field(default_factory=list, init=False)
     _amplitudes: list[tuple[float, tuple[float, ...]]] = field(default_factory=list, init=False)
-    _largest_nm: float = field(default=0.0, init=False)
+    largest_amplitude_nm: float = field(default=0.0, init=False)
 
     def add(self, frames: Sequence[Frame]) -> None:
         """Take in new frames, oldest first."""
@@ -108,7 +108,7 @@ class History:
         for frame in frames:
             now = tuple(found.amplitude_nm for found in frame.amplitudes)
             self._amplitudes.append((frame.done_s, now))
-            self._largest_nm = max((self._largest_nm, *now))
+            self.largest_amplitude_nm = max((self.largest_amplitude_nm, *now))
         old_s = self.last.done_s - _SPREAD_S
         self._amplitudes = [entry for entry in self._amplitudes if entry[0] >= old_s]
 
@@ -182,10 +182,6 @@ class History:
             Order(_name(found.block), found.amplitude_nm, float(std))
             for found, std in zip(self.last.amplitudes, spread, strict=True)
         ]
-
-    def largest_amplitude_nm(self) -> float:
-        """Return the largest amplitude that any order has had, N m; 0 at first."""
-        return self._largest_nm
 
 
 def _name(block: OscillatorBlock) -> str:

@@ -16,7 +16,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Group
+from rich.columns import Columns
+from rich.console import Group, RenderableType
+from rich.filesize import decimal
 from rich.text import Text
 
 from hdbench.profile import Profile
@@ -80,7 +82,6 @@ class LiveView(Watcher):
     _live: Live | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-
         self._history = History(self.profile.data.servo.velocity_gain_rad_s_per_v, self.clock)
 
     # -- what the run calls -----------------------------------------------------------------------
@@ -170,20 +171,17 @@ def free_space(folder: Path) -> str:
     while not place.exists() and place != place.parent:
         place = place.parent
     try:
-        free = float(shutil.disk_usage(place).free)
+        free = shutil.disk_usage(place).free
     except OSError:
         return "unknown"
-    for unit in ("B", "kB", "MB", "GB"):
-        if free < 1000.0:
-            return f"{free:.3g} {unit}"
-        free /= 1000.0
-    return f"{free:.3g} TB"
+    return decimal(free)
 
 
 @contextmanager
 def live_view(title: str, profile: Profile, folder: Path) -> Iterator[Watcher]:
     """Show a run while it goes."""
-    view = LiveView(title, profile, folder, pretty=_pretty())
+    pretty = sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb")
+    view = LiveView(title, profile, folder, pretty=pretty)
     view.start()
     try:
         yield view
@@ -191,22 +189,17 @@ def live_view(title: str, profile: Profile, folder: Path) -> Iterator[Watcher]:
         view.stop()
 
 
-def _pretty() -> bool:
-
-    return sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb")
-
-
 def picture(history: History, profile: Profile, words: tuple[str, str], width: int) -> Group:
     """Return everything to be seen at this moment."""
     room = max(40, min(width, 140)) - 1
     heading, free = words
-    lines = [Text(heading[:room], style="bold"), _bar(history, room)]
-    lines += [*_counts(history, free, room), Text()]
+    lines: list[RenderableType] = [Text(heading[:room], style="bold"), _bar(history, room)]
+    lines += [*_counts(history, free), Text()]
     lines += [_curve(history, curve, profile, room) for curve in CURVES]
     orders = history.orders()[:_MOST_ORDERS]
     if orders:
         lines.append(Text())
-        scale = history.largest_amplitude_nm()
+        scale = history.largest_amplitude_nm
         lines += [_order(found, scale, room) for found in orders]
     return Group(*lines)
 
@@ -232,29 +225,21 @@ def _bar(history: History, room: int) -> Text:
     return Text.assemble((on * full, "green"), (off * (wide - full), "dim"), tail)
 
 
-def _counts(history: History, free: str, room: int) -> list[Text]:
+def _counts(history: History, free: str) -> list[Columns]:
     """Return what is counted, on as many lines as it takes."""
     last = history.last
     if last is None:
         return []
     rate = history.rate_hz()
-    parts = [
+    parts = (
         (f"{rate:.0f} samples/s" if math.isfinite(rate) else "- samples/s", ""),
         (f"lost {last.lost}", "bold red" if last.lost else "green"),
         (f"saturated {last.saturated}", "bold red" if last.saturated else "green"),
         (f"retries {last.retries}", "yellow" if last.retries else "green"),
         (f"waiting {last.depth}", ""),
         (f"disk {free}", ""),
-    ]
-    lines = [Text()]
-    for words, style in parts:
-        if len(lines[-1]) + len(words) > room:
-            lines.append(Text())
-        lines[-1].append(words, style=style)
-        lines[-1].append("  ")
-    for line in lines:
-        line.truncate(room)
-    return lines
+    )
+    return [Columns([Text(words, style, no_wrap=True) for words, style in parts], padding=(0, 2))]
 
 
 def _curve(history: History, curve: Curve, profile: Profile, room: int) -> Text:

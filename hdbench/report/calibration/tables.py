@@ -37,7 +37,10 @@ def tables(result: CalibrationResult) -> tuple[Table, ...]:
     if result.torque:
         made.append(_corrections(result.torque, result.side_force))
     made = [*Table.filled(*made), _experiments(result)]
-    made += [_steps(result, group) for group in result.groups]
+    for group in result.groups:
+        told: Any = {"result": result, "group": group, "zero": percent(group.zero_relative)}
+        words = _group_words(group)
+        made.append(Table.told("steps", steps_of(result, group), words=words, **told))
     if result.readings:
         environment = [(words, getattr(result.course, key)) for key, words in _ENVIRONMENT.items()]
         made.append(Table.told("environment", environment))
@@ -45,27 +48,18 @@ def tables(result: CalibrationResult) -> tuple[Table, ...]:
             made.append(_shunt(result.shunt))
         made += Table.filled(_warnings(result))
         made.append(Table.told("readings", result.readings, reading=_reading))
-        made.append(_signatures(result))
+        made.append(Table.told("signatures", result=result))
     return tuple(made)
 
 
 def _standards(standards: record.StandardsRecord, account: record.AppliedTorqueAccount) -> Table:
-    mass, length = standards.mass, standards.length
+    mass, half = standards.mass, standards.length.half_width_m
     grade = f"class {mass.accuracy_class}" if mass.accuracy_class else ""
     if mass.relative_half_width is not None:
         grade = f"{grade} ±{1e6 * mass.relative_half_width:.3g} ppm".strip()
-    half = length.half_width_m
-    return Table.told(
-        "standards",
-        account=account,
-        mass=mass,
-        grade=grade,
-        length=length,
-        length_size=None if half is None else f"±{1e3 * half:.3g} mm",
-        meter=standards.instrument,
-        torque=standards.torque,
-        expanded=_expanded,
-    )
+    length = None if half is None else f"±{1e3 * half:.3g} mm"
+    told: Any = {"standards": standards, "account": account, "mass": grade, "length": length}
+    return Table.told("standards", expanded=_expanded, **told)
 
 
 def _expanded(standard: record.TorqueRecord) -> str | None:
@@ -207,29 +201,6 @@ def _experiments(result: CalibrationResult) -> Table:
     return Table.told("experiments", result.experiments, note)
 
 
-def _steps(result: CalibrationResult, group: record.LoadGroup) -> Table:
-    """Return the evaluation step by step of one group."""
-
-    def best(step: record.LoadStep) -> record.StepUncertainty | None:
-        return step.increasing_decreasing or step.increasing
-
-    def off(step: record.LoadStep) -> float | None:
-        line = step.deviation_up_down_relative
-        return step.deviation_linear_relative if line is None else line
-
-    return Table.told(
-        "steps",
-        steps_of(result, group),
-        words=_group_words(group),
-        positions=group.n_positions,
-        series=group.n_series,
-        zero=percent(group.zero_relative),
-        method=result.method,
-        best=best,
-        off=off,
-    )
-
-
 def steps_of(result: CalibrationResult, group: record.LoadGroup) -> list[record.LoadStep]:
     """Return the steps of a group of series."""
     names = ("direction", "range", "loading", "arm_length_m")
@@ -305,12 +276,3 @@ def _unlikely(probability: float | None) -> bool:
 def _reading(r: record.ReadingRecord) -> str:
     volts = r.reading_v
     return short(volts, (r.reading_std_v or 0.0) / 10.0 or 1e-4 * abs(volts))
-
-
-def _signatures(result: CalibrationResult) -> Table:
-    days = result.validity_days
-    operator = result.identity.operator if result.identity else ""
-    until = (
-        DASH if days is None else f"runs refuse it after {days:g} days, except with --allow-expired"
-    )
-    return Table.told("signatures", operator=operator, until=until)
