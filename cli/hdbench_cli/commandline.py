@@ -112,29 +112,4 @@ def _refuse(rules: Iterable[dict[str, Any]], values: dict[str, Any]) -> None:
 
 def shared_options() -> list[click.Parameter]:
     """Return the options of every command and group."""
-    return [
-        click.Option(
-            ["--json"],
-            is_flag=True,
-            expose_value=False,
-            callback=_set_json,
-            help="Print exactly one JSON object on stdout.",
-        ),
-        click.Option(
-            ["-v", "--verbose"],
-            count=True,
-            show_default=False,
-            expose_value=False,
-            callback=_add_verbose,
-            help="Print more; for a bug, print its traceback.",
-        ),
-    ]
-
-
-def _set_json(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
-    if value:
-        ctx.ensure_object(Output).json = True
-
-
-def _add_verbose(ctx: click.Context, _param: click.Parameter, value: int) -> None:
-    ctx.ensure_object(Output).verbose += value
+    return [parameter("shared", name) for name in ("json", "verbose")]

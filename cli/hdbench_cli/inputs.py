@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdbench.errors import StorageError, UsageError
+from hdbench.errors import UsageError
 from hdbench.profile import Profile, load_profile, stored_profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
@@ -19,6 +19,7 @@ from hdbench.records import (
     read_trace,
     resolve_input,
 )
+from hdbench.records.storage import disk_errors
 from hdbench_cli.output import Output
 from hdbench_cli.text import Lines
 
@@ -107,12 +108,8 @@ def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
             fix="name a folder, or give one input",
         )
     names = own_names(sources)
-    try:
+    with disk_errors(out):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageError(
-            f"cannot make the folder: {error.strerror}", where=str(out), fix="check path and rights"
-        ) from error
     return [out / f"{name}.csv" for name in names]
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench.errors import DataError, nothing_stored
+from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -168,6 +169,15 @@ def _since(ctx: click.Context, param: click.Parameter, value: str | None) -> dat
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
+def _set_json(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    if value:
+        ctx.ensure_object(Output).json = True
+
+
+def _add_verbose(ctx: click.Context, _param: click.Parameter, value: int) -> None:
+    ctx.ensure_object(Output).verbose += value
+
+
 class _Finite(click.types.FloatParamType):
     """A number that is neither infinite nor NaN."""
 
@@ -191,7 +201,13 @@ _TYPES: dict[str, Any] = {
     "file or -": click.Path(dir_okay=False, allow_dash=True),
     "folder": click.Path(path_type=Path, file_okay=False),
 }
-_CALLBACKS = {"identity": _identity, "since": _since, "speeds": speeds}
+_CALLBACKS = {
+    "identity": _identity,
+    "json": _set_json,
+    "since": _since,
+    "speeds": speeds,
+    "verbose": _add_verbose,
+}
 _NAMES = {"profiles": _profile_names, "plants": _plant_names, "filters": _filter_names}
 
 
