@@ -15,7 +15,7 @@ from hdbench.jointfit import JointFit, MotionRecord, filtered_torque, joint_fit,
 from hdbench.model import baseline_orders
 from hdbench.model.motion import Motion
 from hdbench.profile.schema import ProfileData
-from hdbench.records.quantity import Quantity, TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results import dynamic
 from hdbench.results.parts import DataFlag
@@ -180,11 +180,11 @@ def _result(
     speeds = [abs(run.velocity_rad_s) for run in steady.runs]
     return dynamic.MisalignmentResult(
         amplitude_nm=here.amplitude,
-        peak_to_peak_nm=_doubled(here.amplitude),
+        peak_to_peak_nm=here.amplitude.times(2.0),
         phase_rad=here.phase,
         small_amplitude=here.small,
-        before=dynamic.PeakToPeak(peak_to_peak_nm=_doubled(here.amplitude)),
-        after=dynamic.FilteredPeak(peak_to_peak_nm=_doubled(after), filter=filter_name),
+        before=dynamic.PeakToPeak(peak_to_peak_nm=here.amplitude.times(2.0)),
+        after=dynamic.FilteredPeak(peak_to_peak_nm=after.times(2.0), filter=filter_name),
         output_turns=turns,
         mean_torque_nm=float(np.mean(record.torque_nm[record.used])),
         motor_velocity_rad_s=float(
@@ -213,10 +213,6 @@ def _result(
         notes=_notes(record, max(steady.turns), here.small),
         **fit.shared_keys(),
     )
-
-
-def _doubled(amplitude: Quantity) -> Quantity:
-    return Quantity(2.0 * amplitude.value, 2.0 * amplitude.std, amplitude.dof)
 
 
 def _notes(record: MotionRecord, longest: float, small: bool) -> tuple[DataFlag, ...]:

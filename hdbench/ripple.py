@@ -178,14 +178,10 @@ def _regress(
     estimates = []
     for i, order in enumerate(orders):
         measured = _measure(turned, order, n_slow + 2 * i, fit.found.design, fit.found.fit)
-        estimates.append(None if measured is None else _times(measured.order, factor))
+        estimates.append(None if measured is None else measured.order.times(factor))
     # travel and spectrum are those of the record as it is
     fit = replace(fit, record=record)
     return Regression(fit, trend, orders, angle_scale, tuple(estimates), n_slow, output_orders)
-
-
-def _times(quantity: Quantity, factor: float) -> Quantity:
-    return Quantity(quantity.value * factor, quantity.std * factor, quantity.dof)
 
 
 def _slow_terms(record: MotionRecord, orders: tuple[float, ...]) -> tuple[Trend, FloatArray]:
@@ -234,7 +230,7 @@ def _angle_scale(
             best = (order, estimate)
     if best is None:
         return None
-    scale = _times(best[1].order, 1.0 / best[0])
+    scale = best[1].order.times(1.0 / best[0])
     off = abs(scale.value - 1.0)
     return scale if _SCALE_SIGMA * scale.std < off < _LARGEST_SCALE_ERROR else None
 

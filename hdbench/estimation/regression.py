@@ -46,26 +46,6 @@ class NoiseModel:
         """Standard deviation of the innovation w, unit of the noise."""
         return float(self.stds[-1])
 
-    def spectrum(self, frequency_hz: FloatArray, sample_period_s: float) -> FloatArray:
-        """Return the one-sided power spectral density.
-
-        Parameters
-        ----------
-        frequency_hz : ndarray
-            Frequencies in [0, 1 / (2 * sample_period_s)], Hz.
-        sample_period_s : float
-            Sampling period, s.
-
-        Returns
-        -------
-        ndarray
-            Density, unit of the noise squared per Hz.
-        """
-        lags = np.arange(1, self.order + 1)
-        turn = np.exp(-2j * np.pi * sample_period_s * np.multiply.outer(frequency_hz, lags))
-        gain = np.abs(1.0 - turn @ self.coefficients) ** 2
-        return np.asarray(2.0 * sample_period_s * self.innovation_std**2 / gain)
-
     @property
     def density_variance(self) -> float:
         """Relative variance of the spectral density, at the frequency where it is known least.
@@ -347,22 +327,19 @@ def ordinary_fit(
     """
     used = _mask(design, response, valid)
     coefficients, inverse = _solve(design[used], response[used])
-    return _collect(design, response, used, coefficients, inverse, None)
-
-
-def _collect(
-    design: FloatArray,
-    response: FloatArray,
-    used: NDArray[np.bool_],
-    coefficients: FloatArray,
-    inverse: FloatArray,
-    noise: NoiseModel | None,
-) -> LinearFit:
-    residual = np.full(len(response), np.nan)
-    residual[used] = response[used] - design[used] @ coefficients
+    residual = _residual(design, response, used, coefficients)
     dof = float(used.sum() - design.shape[1])
     variance = float(residual[used] @ residual[used]) / dof
-    return LinearFit(coefficients, variance * inverse, dof, residual, used, noise)
+    return LinearFit(coefficients, variance * inverse, dof, residual, used)
+
+
+def _residual(
+    design: FloatArray, response: FloatArray, used: NDArray[np.bool_], coefficients: FloatArray
+) -> FloatArray:
+    """Return response minus fit, NaN where not used."""
+    residual = np.full(len(response), np.nan)
+    residual[used] = response[used] - design[used] @ coefficients
+    return residual
 
 
 def coloured_fit(
@@ -423,8 +400,7 @@ def coloured_fit(
         noise = fit_noise(residual, used, starts=starts, max_order=max_order)
         table = whiten(np.column_stack([design, response]), noise, used, starts=starts)[used]
         coefficients, inverse = _solve(table[:, :-1], table[:, -1])
-        residual = np.full(len(response), np.nan)
-        residual[used] = response[used] - design[used] @ coefficients
+        residual = _residual(design, response, used, coefficients)
     white = table[:, -1] - table[:, :-1] @ coefficients
     free = float(len(white) - design.shape[1])
     variance = float(white @ white) / free

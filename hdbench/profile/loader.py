@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
-from pydantic.fields import FieldInfo
 
 from hdbench.errors import ProfileError
 from hdbench.profile.acquiring import Acquisition, NodeAcquisition, driver_table
@@ -446,49 +445,28 @@ def profile_schema() -> dict[str, Any]:
     }
 
 
-def _value(value: object) -> str:
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    return repr(value)
-
-
-def _comment(field: FieldInfo) -> list[str]:
-    text = field.description or ""
-    return textwrap.wrap(text, 96, initial_indent="# ", subsequent_indent="# ")
-
-
 def _table(model: BaseModel, name: str, header: str, reasons: Mapping[str, str]) -> Iterator[str]:
     """Yield the lines of one table: plain keys first, then the tables below it."""
-    fields = type(model).model_fields
-    below: list[tuple[str, Any]] = []
+    below: list[tuple[str, str, BaseModel]] = []
     if header:
         yield ""
         yield f"# {(type(model).__doc__ or '').strip().splitlines()[0]}"
         yield header
-    for key, field in fields.items():
-        value = getattr(model, key)
-        if isinstance(value, BaseModel) or _tables_in(value):
-            below.append((key, value))
-            continue
-        yield from _comment(field)
-        why = reasons.get(f"{name}.{key}")
-        line = f"# {key} =" if value is None else f"{key} = {_value(value)}"
-        yield f"{line}  # {why}" if why else line
-    for key, value in below:
-        path = f"{name}.{key}" if name else key
+    for key, field in type(model).model_fields.items():
+        value, path = getattr(model, key), f"{name}.{key}" if name else key
         if isinstance(value, BaseModel):
-            yield from _table(value, path, f"[{path}]", reasons)
+            below.append((path, f"[{path}]", value))
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+            below += [(path, f"[[{path}]]", entry) for entry in value]
         else:
-            for item in value:
-                yield from _table(item, path, f"[[{path}]]", reasons)
-
-
-def _tables_in(value: object) -> bool:
-    return isinstance(value, tuple) and bool(value) and isinstance(value[0], BaseModel)
+            text = field.description or ""
+            yield from textwrap.wrap(text, 96, initial_indent="# ", subsequent_indent="# ")
+            # numbers, truth values, text and lists of them are written in JSON as in TOML
+            text = json.dumps(value, ensure_ascii=False)
+            line = f"# {key} =" if value is None else f"{key} = {text}"
+            yield f"{line}  # {reasons[path]}" if reasons.get(path) else line
+    for path, title, table in below:
+        yield from _table(table, path, title, reasons)
 
 
 def new_profile(name: str, filled: Mapping[str, tuple[Any, str]] | None = None) -> str:

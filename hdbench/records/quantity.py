@@ -63,6 +63,10 @@ class Quantity:
         k = coverage_factor(self.dof, confidence)
         return self.value - k * self.std, self.value + k * self.std
 
+    def times(self, factor: float) -> Quantity:
+        """Return the quantity times a number that is known, such as 2 for a peak to peak."""
+        return Quantity(self.value * factor, self.std * abs(factor), self.dof)
+
     def to_dict(self) -> dict[str, float | None]:
         """Return ``{"value", "std", "dof"}`` as the contract writes it."""
         return asdict(self)
