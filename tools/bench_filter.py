@@ -175,19 +175,19 @@ def ours(n: int) -> dict[str, tuple[Work, int]]:
     def steps() -> None:
         state = new_state(packed)
         for k in range(_FEW):
-            run(packed, state, t[k : k + 1], v[k : k + 1], y[k : k + 1])
+            run(packed, state, (t[k : k + 1], v[k : k + 1], y[k : k + 1], None))
 
     def numpy_form() -> None:
-        run(packed, new_state(packed), t[:_FEW], v[:_FEW], y[:_FEW], form="numpy")
+        run(packed, new_state(packed), (t[:_FEW], v[:_FEW], y[:_FEW], None), form="numpy")
 
     return {
-        "run": (lambda: run(packed, new_state(packed), t, v, y).ripple_nm, n),
+        "run": (lambda: run(packed, new_state(packed), (t, v, y, None)).ripple_nm, n),
         f"batch of {_TRACES}": (
-            lambda: batch(packed, t[:m], columns[0], columns[1]).torque_filtered_nm,
+            lambda: batch(packed, (t[:m], columns[0], columns[1], None)).torque_filtered_nm,
             m * _TRACES,
         ),
         "smoother": (
-            lambda: smooth(packed, t[half], v[half], y[half]).torque_expected_nm,
+            lambda: smooth(packed, (t[half], v[half], y[half], None)).torque_expected_nm,
             half.stop,
         ),
         "one sample per call": (steps, _FEW),
@@ -279,7 +279,7 @@ def rows(n: int) -> tuple[list[Row], list[str]]:
     if single is not None:
         best["float32, as exported"] = single
     packed = model()
-    wanted = run(packed, new_state(packed), time_s, v, y).ripple_nm
+    wanted = run(packed, new_state(packed), (time_s, v, y, None)).ripple_nm
     found = []
     for name, value in best.items():
         apart = None
@@ -296,7 +296,7 @@ def forms_apart(packed: FloatArray, n: int) -> float:
     """Return how far the compiled and the NumPy form are apart, N m."""
     t, v, y = trace(n)
     one, two = (
-        run(packed, new_state(packed), t, v, y, form=form).torque_filtered_nm
+        run(packed, new_state(packed), (t, v, y, None), form=form).torque_filtered_nm
         for form in ("c", "numpy")
     )
     return float(np.abs(one - two).max())

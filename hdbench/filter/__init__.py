@@ -14,8 +14,9 @@ from hdbench.filter.online import (
 )
 from hdbench.filter.presets import PRESETS, build_filter_model, load_filter_model, preset
 from hdbench.filter.response import transfer_at_steady_speed
+from hdbench.filter.tuning.problem import TuningSettings
 from hdbench.filter.tuning.result import TuningResult
-from hdbench.filter.tuning.run import TuningSettings, tune
+from hdbench.filter.tuning.run import tune
 
 __all__ = [
     "PRESETS",

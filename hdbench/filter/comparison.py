@@ -121,10 +121,7 @@ def compare_filters(
     outputs: dict[str, FloatArray] = {"raw": channels.torque_nm}
     outputs["lowpass"] = _lowpassed(channels, lowpass)
     for name, model in {**models, "tuned": tuned}.items():
-        block = OnlineFilter(model).process(
-            time, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad
-        )
-        outputs[name] = block.torque_filtered_nm
+        outputs[name] = OnlineFilter(model).process(*channels.samples).torque_filtered_nm
     smoothed = smooth_channels(tuned, channels)
     outputs["smoothed"] = smoothed.torque_smoothed_nm
     reference = smoothed.torque_smoothed_nm if truth_nm is None else truth_nm
@@ -139,13 +136,10 @@ def compare_filters(
             where=channels.source,
             fix="compare on a longer record",
         )
-    columns = _columns(tuned, channels)
-    before = _amplitudes(columns, outputs["raw"] - reference, judged)
     slow = reference if truth_nm is not None else _slow_part(reference, time, lowpass)
-    rows = [
-        _judge(name, output, (reference, slow), (columns, before), judged, time=time)
-        for name, output in outputs.items()
-    ]
+    yardstick = _Yardstick(time, reference, slow, _columns(tuned, channels), judged)
+    before = yardstick.amplitudes(outputs["raw"])
+    rows = [yardstick.judge(name, output, before) for name, output in outputs.items()]
     kind = "smoothed" if truth_nm is None else "truth"
     return Comparison(kind, float(start), tuple(rows), outputs)
 
@@ -181,73 +175,65 @@ def _columns(model: FilterModel, channels: Channels) -> dict[str, FloatArray]:
     angle, elapsed = motor_angle(channels), channels.time_s - channels.time_s[0]
     found = {}
     for block in model.blocks:
-        turned = block.order * angle + 2.0 * math.pi * block.frequency_hz * elapsed
+        turned = block.turned(angle, elapsed)
         name = f"{block.frequency_hz:g} Hz" if block.frequency_hz > 0.0 else f"{block.order:g}x"
         found[name] = np.stack((np.cos(turned), np.sin(turned)), axis=1)
     return found
 
 
-def _amplitudes(
-    columns: Mapping[str, FloatArray], signal: FloatArray, judged: NDArray[np.bool_]
-) -> dict[str, float]:
-    """Fit all blocks and a constant together; return each one's amplitude, N m."""
-    design = np.hstack([*columns.values(), np.ones((judged.size, 1))])[judged]
-    fit = np.linalg.lstsq(design, signal[judged], rcond=None)[0]
-    return {name: float(np.hypot(*fit[2 * i : 2 * i + 2])) for i, name in enumerate(columns)}
+@dataclass(frozen=True, slots=True)
+class _Yardstick:
+    """What every contender is held against; arrays of shape (n,)."""
 
+    time_s: FloatArray
+    reference_nm: FloatArray
+    slow_nm: FloatArray  # reference without ripple: what a filter should follow
+    columns: Mapping[str, FloatArray]  # cosine and sine of every block
+    judged: NDArray[np.bool_]
 
-def _judge(
-    name: str,
-    output: FloatArray,
-    references: tuple[FloatArray, FloatArray],
-    lines: tuple[Mapping[str, FloatArray], Mapping[str, float]],
-    judged: NDArray[np.bool_],
-    *,
-    time: FloatArray,
-) -> Contender:
-    reference, slow = references
-    columns, before = lines
-    after = _amplitudes(columns, output - reference, judged)
-    suppression = {
-        key: min(20.0 * math.log10(max(before[key], 1e-12) / max(after[key], 1e-12)), 120.0)
-        if output is not reference
-        else None
-        for key in before
-    }
-    third = np.diff(output, 3)[judged[3:] & judged[:-3]]
-    noise = float(np.std(third)) / math.sqrt(20.0)
-    kept, delay = _followed(output, slow, judged, time, noise)
-    error = (output - reference)[judged]
-    rms = float(np.sqrt(np.mean(np.square(error))))
-    return Contender(name, suppression, kept, delay, noise, rms)
+    def amplitudes(self, output: FloatArray) -> dict[str, float]:
+        """Fit all blocks and a constant to what is off together; return amplitudes, N m."""
+        whole = np.hstack([*self.columns.values(), np.ones((self.judged.size, 1))])[self.judged]
+        fit = np.linalg.lstsq(whole, (output - self.reference_nm)[self.judged], rcond=None)[0]
+        places = enumerate(self.columns)
+        return {name: float(np.hypot(*fit[2 * i : 2 * i + 2])) for i, name in places}
 
+    def judge(self, name: str, output: FloatArray, before: Mapping[str, float]) -> Contender:
+        """Return one contender; `before` has the amplitudes of the raw torque."""
+        after, judged = self.amplitudes(output), self.judged
+        suppression = {
+            key: min(20.0 * math.log10(max(before[key], 1e-12) / max(after[key], 1e-12)), 120.0)
+            if output is not self.reference_nm
+            else None
+            for key in before
+        }
+        third = np.diff(output, 3)[judged[3:] & judged[:-3]]
+        noise = float(np.std(third)) / math.sqrt(20.0)
+        kept, delay = self._followed(output, noise)
+        error = (output - self.reference_nm)[judged]
+        rms = float(np.sqrt(np.mean(np.square(error))))
+        return Contender(name, suppression, kept, delay, noise, rms)
 
-def _followed(
-    output: FloatArray,
-    slow: FloatArray,
-    judged: NDArray[np.bool_],
-    time: FloatArray,
-    noise: float,
-) -> tuple[float | None, float | None]:
-    """Return slope on the reference, and lag behind it by the largest correlation."""
-    y, r = output[judged], slow[judged]
-    r = r - np.mean(r)
-    power = float(r @ r)
-    # a reference that varies less than the noise shows neither; 1e-12 is against rounding
-    if not power > max(noise**2, 1e-12) * r.size:
-        return None, None
-    y = y - np.mean(y)
-    kept = float(y @ r) / power
-    period = float(np.median(np.diff(time)))
-    lags = np.arange(-round(_LAG_S / period), round(_LAG_S / period) + 1)
-    n = y.size
-    size = 1 << (2 * n - 1).bit_length()
-    full = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(r, size)), size)
-    correlation = full[lags]
-    at = int(np.argmax(correlation))
-    if not 0 < at < lags.size - 1:
-        return kept, None
-    left, top, right = correlation[at - 1 : at + 2]
-    bend = left - 2.0 * top + right
-    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return kept, float((lags[at] + shift) * period)
+    def _followed(self, output: FloatArray, noise: float) -> tuple[float | None, float | None]:
+        """Return slope on the reference, and lag behind it by the largest correlation."""
+        y, r = output[self.judged], self.slow_nm[self.judged]
+        r = r - np.mean(r)
+        power = float(r @ r)
+        # a reference that varies less than the noise shows neither; 1e-12 is against rounding
+        if not power > max(noise**2, 1e-12) * r.size:
+            return None, None
+        y = y - np.mean(y)
+        kept = float(y @ r) / power
+        period = float(np.median(np.diff(self.time_s)))
+        lags = np.arange(-round(_LAG_S / period), round(_LAG_S / period) + 1)
+        n = y.size
+        size = 1 << (2 * n - 1).bit_length()
+        full = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(r, size)), size)
+        correlation = full[lags]
+        at = int(np.argmax(correlation))
+        if not 0 < at < lags.size - 1:
+            return kept, None
+        left, top, right = correlation[at - 1 : at + 2]
+        bend = left - 2.0 * top + right
+        shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+        return kept, float((lags[at] + shift) * period)

@@ -25,6 +25,7 @@ from hdbench.filter.kalman import (
     USABLE,
     VELOCITY,
     VELOCITY_TIME,
+    Arrays,
     block_rows,
     new_state,
 )
@@ -97,8 +98,6 @@ def slow_transition(row: list[float], dt: float) -> tuple[float, ...]:
 
 _CHUNK = 2048  # samples whose transitions are held at a time
 _RESOLVED = 200.0  # a block with more innovation variances is not known from the data
-
-Samples = tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]
 
 
 class _Filter:
@@ -243,7 +242,7 @@ def _first_bad_time(state: FloatArray, time: FloatArray) -> int:
 def run(
     packed: FloatArray,
     state: FloatArray,
-    samples: Samples,
+    samples: Arrays,
     outputs: tuple[FloatArray, ...],
     flags: np.ndarray[tuple[int], np.dtype[np.uint8]],
     sums: FloatArray,
@@ -287,7 +286,7 @@ def run(
 
 def batch(
     packed: FloatArray,
-    samples: Samples,
+    samples: Arrays,
     outputs: tuple[FloatArray | None, ...],
     sums: FloatArray,
 ) -> int:
@@ -309,7 +308,7 @@ def batch(
 
 def smooth(
     packed: FloatArray,
-    samples: Samples,
+    samples: Arrays,
     expected: FloatArray,
     mean: FloatArray,
     covariance: FloatArray,

@@ -49,10 +49,10 @@ class FilteredBlock:
         Predicted sum of the ripple blocks, from earlier samples only.
     misalignment_nm : ndarray
         Predicted sum of the output-order blocks, from earlier samples only.
-    torque_filtered_nm : ndarray
-        Torque minus both predictions; NaN where the torque is missing.
     slow_nm : ndarray
         Predicted slow torque, which the filtered torque keeps; 0 where the model has none.
+    torque_filtered_nm : ndarray
+        Torque minus both predictions; NaN where the torque is missing.
     innovation_nm : ndarray
         Torque minus everything predicted; NaN where the sample is missing.
     innovation_variance_nm2 : ndarray
@@ -70,8 +70,8 @@ class FilteredBlock:
     torque_expected_nm: FloatArray
     ripple_nm: FloatArray
     misalignment_nm: FloatArray
-    torque_filtered_nm: FloatArray
     slow_nm: FloatArray
+    torque_filtered_nm: FloatArray
     innovation_nm: FloatArray
     innovation_variance_nm2: FloatArray
     flags: NDArray[np.uint8]
@@ -110,6 +110,11 @@ class SmoothResult:
     mean: FloatArray
     covariance: FloatArray
     torque_expected_nm: FloatArray
+
+
+# time, s, velocity, rad/s, torque, N m, and the angle, rad, where one turns the blocks
+Samples = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike | None]
+Arrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]
 
 
 def kernel_form(name: str) -> Any:
@@ -251,14 +256,7 @@ def new_state(packed: FloatArray) -> FloatArray:
 
 
 def run(
-    packed: FloatArray,
-    state: FloatArray,
-    time_s: ArrayLike,
-    velocity_rad_s: ArrayLike,
-    torque_nm: ArrayLike,
-    *,
-    angle_rad: ArrayLike | None = None,
-    form: Form | None = None,
+    packed: FloatArray, state: FloatArray, samples: Samples, *, form: Form | None = None
 ) -> FilteredBlock:
     r"""Filter the next samples of one trace; `state` is advanced.
 
@@ -272,58 +270,39 @@ def run(
 
     A missing or gated sample ends after :math:`P^-`. Splitting a trace changes no bit.
     """
-    samples = _samples(time_s, velocity_rad_s, torque_nm, angle_rad)
-    n, needed = samples[0].size, new_state(packed).size
+    arrays = _checked(samples)
+    n, needed = arrays[0].size, new_state(packed).size
     if state.dtype != np.float64 or state.shape != (needed,) or not state.flags.c_contiguous:
         raise ValueError(f"state has shape {state.shape}; needed {needed} float64 numbers")
     sums = np.zeros(3)
-    # two blocks, not seven arrays: the system hands out larger pages, and keeps them in the process
+    # in the order of `FilteredBlock`; two blocks, not seven arrays: the system hands out larger
+    # pages, and keeps them in the process
     expected, ripple, misalignment, slow = np.empty((4, n))
     filtered, innovation, variance = np.empty((3, n))
-    flags = np.empty(n, dtype=np.uint8)
     outputs = (expected, ripple, misalignment, slow, filtered, innovation, variance)
+    flags = np.empty(n, dtype=np.uint8)
     work = kernel_form(form or kernel_name()).run
-    _check_time(work(packed, state, samples, outputs, flags, sums), samples[0])
+    _check_time(work(packed, state, arrays, outputs, flags, sums), arrays[0])
     used, logs, squares = sums.tolist()
-    answer = (expected, ripple, misalignment, filtered, slow, innovation, variance)
-    return FilteredBlock(*answer, flags, int(used), logs, squares)
+    return FilteredBlock(*outputs, flags, int(used), logs, squares)
 
 
 def batch(
-    packed: FloatArray,
-    time_s: ArrayLike,
-    velocity_rad_s: ArrayLike,
-    torque_nm: ArrayLike,
-    *,
-    angle_rad: ArrayLike | None = None,
-    innovations: bool = False,
-    form: Form | None = None,
+    packed: FloatArray, samples: Samples, *, innovations: bool = False, form: Form | None = None
 ) -> BatchResult:
     """Filter many traces of one model at once, each with the bits that `run` gives it."""
-    time, velocity, torque = _array(time_s, 1), _array(velocity_rad_s, 2), _array(torque_nm, 2)
-    angle = None if angle_rad is None else _array(angle_rad, 2)
-    for array in (velocity, torque, angle):
-        if array is not None and array.shape != (time.size, torque.shape[1]):
-            raise ValueError(f"found shape {array.shape}; needed {(time.size, torque.shape[1])}")
+    arrays = _checked(samples, 2)
+    time, torque = arrays[0], arrays[2]
     filtered = np.empty_like(torque)
     innovation = np.empty_like(torque) if innovations else None
     variance = np.empty_like(torque) if innovations else None
     sums = np.zeros((3, torque.shape[1]))
-    samples, outputs = (time, velocity, torque, angle), (filtered, innovation, variance)
     work = kernel_form(form or kernel_name()).batch
-    _check_time(work(packed, samples, outputs, sums), time)
+    _check_time(work(packed, arrays, (filtered, innovation, variance), sums), time)
     return BatchResult(filtered, innovation, variance, sums[0], sums[1], sums[2])
 
 
-def smooth(
-    packed: FloatArray,
-    time_s: ArrayLike,
-    velocity_rad_s: ArrayLike,
-    torque_nm: ArrayLike,
-    *,
-    angle_rad: ArrayLike | None = None,
-    form: Form | None = None,
-) -> SmoothResult:
+def smooth(packed: FloatArray, samples: Samples, *, form: Form | None = None) -> SmoothResult:
     r"""Estimate every block from the whole trace (fixed-interval smoother).
 
     Notes
@@ -344,11 +323,11 @@ def smooth(
     .. [1] G. J. Bierman, "Fixed interval smoothing with discrete measurements", International
        Journal of Control 18 (1973) 65-75.
     """
-    samples = _samples(time_s, velocity_rad_s, torque_nm, angle_rad)
-    n, n_blocks = samples[0].size, block_count(packed)
+    arrays = _checked(samples)
+    n, n_blocks = arrays[0].size, block_count(packed)
     expected, mean, covariance = np.empty(n), np.empty((n, n_blocks, 2)), np.empty((n, n_blocks, 3))
     work = kernel_form(form or kernel_name()).smooth
-    _check_time(work(packed, samples, expected, mean, covariance), samples[0])
+    _check_time(work(packed, arrays, expected, mean, covariance), arrays[0])
     return SmoothResult(mean, covariance, expected)
 
 
@@ -359,14 +338,15 @@ def _array(values: ArrayLike, ndim: int) -> FloatArray:
     return array
 
 
-def _samples(
-    time_s: ArrayLike, velocity_rad_s: ArrayLike, torque_nm: ArrayLike, angle_rad: ArrayLike | None
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    time, velocity, torque = (_array(v, 1) for v in (time_s, velocity_rad_s, torque_nm))
-    angle = None if angle_rad is None else _array(angle_rad, 1)
-    for name, array in (("velocity_rad_s", velocity), ("torque_nm", torque), ("angle", angle)):
-        if array is not None and array.size != time.size:
-            raise ValueError(f"{name} has {array.size} samples, time_s {time.size}")
+def _checked(samples: Samples, ndim: int = 1) -> Arrays:
+    """Return samples as the kernel takes them: contiguous, of one shape, time of one dimension."""
+    time_s, velocity_rad_s, torque_nm, angle_rad = samples
+    time = _array(time_s, 1)
+    velocity, torque = _array(velocity_rad_s, ndim), _array(torque_nm, ndim)
+    angle = None if angle_rad is None else _array(angle_rad, ndim)
+    for name, array in (("torque_nm", torque), ("velocity_rad_s", velocity), ("angle", angle)):
+        if array is not None and (len(array) != len(time) or array.shape != torque.shape):
+            raise ValueError(f"{name} has shape {array.shape}; needed: {len(time)} rows, as time_s")
     return time, velocity, torque, angle
 
 

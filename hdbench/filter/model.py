@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from hdbench.errors import DataError
+from hdbench.records import FloatArray
 from hdbench.results import Part
 
 SCHEMA = "hdbench/filter-model/1"
@@ -65,6 +66,14 @@ class OscillatorBlock(Part, kw_only=False, closed=True, strict=True):
                 f"order is {self.order!r} beside frequency_hz {self.frequency_hz!r}; "
                 "needed: one of them above 0, the other 0"
             )
+
+    def turned(self, angle_rad: FloatArray, elapsed_s: FloatArray) -> FloatArray:
+        """Return the angle of its torque by the motor's angle or by the clock, rad."""
+        return self.order * angle_rad + 2.0 * math.pi * self.frequency_hz * elapsed_s
+
+    def frequency_at(self, speed_rad_s: float) -> float:
+        """Return its frequency at a speed of the motor, Hz."""
+        return self.frequency_hz or self.order * abs(speed_rad_s) / (2.0 * math.pi)
 
 
 class SlowBlock(Part, kw_only=False, closed=True, strict=True):

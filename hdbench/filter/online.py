@@ -147,15 +147,8 @@ class OnlineFilter:
         screen, refused = self._screen.copy(), None
         if screen.size and torque.ndim == 1:
             torque, refused = screen_torque(self.model, torque, screen)
-        found = kalman.run(
-            self._packed,
-            self._state,
-            time_s,
-            velocity_rad_s,
-            torque,
-            angle_rad=angle,
-            form=self._kernel,
-        )
+        samples = (time_s, velocity_rad_s, torque, angle)
+        found = kalman.run(self._packed, self._state, samples, form=self._kernel)
         self._screen[:] = screen
         return found if refused is None else replace(found, flags=found.flags | refused)
 
@@ -262,6 +255,11 @@ class Channels:
     source: str
 
     @property
+    def samples(self) -> kalman.Arrays:
+        """Time, velocity, torque and angle, in the order in which the filter takes them."""
+        return self.time_s, self.velocity_rad_s, self.torque_nm, self.angle_rad
+
+    @property
     def usable(self) -> NDArray[np.bool_]:
         """Which samples have a torque and a velocity that the filter can use."""
         return (np.abs(self.torque_nm) <= kalman.USABLE) & (
@@ -315,8 +313,7 @@ def filter_channels(trace: Trace, profile: ProfileData, *, use_measured_angle: b
 def run_channels(model: FilterModel, channels: Channels) -> kalman.FilteredBlock:
     """Filter channels as they stand, from the start of the model."""
     packed = kalman.pack(model)
-    samples = (channels.time_s, channels.velocity_rad_s, channels.torque_nm)
-    return kalman.run(packed, kalman.new_state(packed), *samples, angle_rad=channels.angle_rad)
+    return kalman.run(packed, kalman.new_state(packed), channels.samples)
 
 
 def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> kalman.FilteredBlock:
@@ -342,9 +339,8 @@ def filter_trace(trace: Trace, model: FilterModel, profile: ProfileData) -> kalm
         If a channel is missing or time does not increase.
     """
     channels = filter_channels(trace, profile, use_measured_angle=model.use_measured_angle)
-    samples = (channels.time_s, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad)
     with faults_of(trace.source):
-        return OnlineFilter(model).process(*samples)
+        return OnlineFilter(model).process(*channels.samples)
 
 
 def filtered_columns(trace: Trace, block: kalman.FilteredBlock) -> Trace:

@@ -11,7 +11,7 @@ from hdbench.errors import DataError
 from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
 from hdbench.estimation.stretches import true_runs
 from hdbench.filter.kalman import USABLE, pack, smooth
-from hdbench.filter.model import FilterModel
+from hdbench.filter.model import FilterModel, OscillatorBlock
 from hdbench.filter.online import Channels, faults_of
 from hdbench.records import FloatArray
 from hdbench.results.dynamic import SpectrumLine
@@ -83,19 +83,14 @@ def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
             fix="record the torque and velocity channels",
         )
     with faults_of(channels.source):
-        found = smooth(
-            pack(model),
-            channels.time_s,
-            channels.velocity_rad_s,
-            channels.torque_nm,
-            angle_rad=channels.angle_rad if model.use_measured_angle else None,
-        )
+        samples = channels.samples if model.use_measured_angle else (*channels.samples[:3], None)
+        found = smooth(pack(model), samples)
     angle = motor_angle(channels)
     elapsed = channels.time_s - channels.time_s[0]
     n = len(model.blocks)
     waves = tuple(
-        _wave(model, i, found.mean[:, i], found.covariance[:, i], angle, elapsed=elapsed)
-        for i in range(n)
+        _wave(block, found.mean[:, i], found.covariance[:, i], block.turned(angle, elapsed))
+        for i, block in enumerate(model.blocks)
     )
     taken = found.mean[:, :n, 0].sum(axis=1)
     slow_variance = np.maximum(found.covariance[:, n:, 0], 0.0).sum(axis=1)
@@ -108,19 +103,9 @@ def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
 
 
 def _wave(
-    model: FilterModel,
-    index: int,
-    mean: FloatArray,
-    covariance: FloatArray,
-    angle: FloatArray,
-    *,
-    elapsed: FloatArray,
+    block: OscillatorBlock, mean: FloatArray, covariance: FloatArray, turned: FloatArray
 ) -> OrderWave:
-    block = model.blocks[index]
-    if block.frequency_hz > 0.0:
-        name, turned = f"{block.frequency_hz:g}_hz", 2.0 * math.pi * block.frequency_hz * elapsed
-    else:
-        name, turned = f"order_{block.order:g}", block.order * angle
+    hz = block.frequency_hz
     first, second = mean[:, 0], mean[:, 1]
     amplitude = np.hypot(first, second)
     p11, p12, p22 = covariance.T
@@ -131,10 +116,10 @@ def _wave(
     flat = 0.5 * (p11 + p22)  # of no amplitude, in any direction
     phase = np.arctan2(-second, first) - turned
     return OrderWave(
-        name=name,
+        name=f"{hz:g}_hz" if hz > 0.0 else f"order_{block.order:g}",
         role=block.role,
         order=block.order,
-        frequency_hz=block.frequency_hz,
+        frequency_hz=hz,
         torque_nm=first,
         amplitude_nm=amplitude,
         amplitude_std_nm=np.sqrt(np.maximum(np.where(amplitude > 0.0, along, flat), 0.0)),

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hdbench.errors import DataError
 from hdbench.filter.fallback import transitions
 from hdbench.filter.kalman import BLOCK, MODEL_HEADER, PRIOR, new_state, pack, run
-from hdbench.filter.model import FilterModel
+from hdbench.filter.model import FilterModel, OscillatorBlock
 from hdbench.records import FloatArray
 
 _DOUBLINGS = 60  # 2^60 samples: what has not converged then never will
@@ -247,14 +247,17 @@ def filter_response(model: FilterModel, velocity_rad_s: float, sample_period_s: 
     """Return what a model does to the torque at a constant speed, after all time."""
     steady = steady_filter(model, velocity_rad_s, sample_period_s)
     nyquist = 0.5 / sample_period_s
-    places = [_place(block.order, block.frequency_hz, velocity_rad_s) for block in model.blocks]
-    known = [hz for hz, _ in places if hz < nyquist]
+    places = [block.frequency_at(velocity_rad_s) for block in model.blocks]
+    known = [hz for hz in places if hz < nyquist]
     curve = _curve(known, nyquist)
     mode = steady.slowest_mode_s()
     return Response(
         velocity_rad_s=velocity_rad_s,
         sample_period_s=sample_period_s,
-        notches=tuple(_notch(steady, hz, name, known, nyquist) for hz, name in places),
+        notches=tuple(
+            _notch(steady, hz, block, known, nyquist)
+            for hz, block in zip(places, model.blocks, strict=True)
+        ),
         passed=_passed(steady, [hz for hz in _PASSED_HZ if hz < nyquist]),
         noise_gain=steady.noise_gain(),
         settling_time_s=-mode * math.log(_LEFT) if math.isfinite(mode) else None,
@@ -272,13 +275,6 @@ def _passed(steady: SteadyFilter, frequency_hz: list[float]) -> tuple[Passed, ..
     return tuple(found)
 
 
-def _place(order: float, frequency_hz: float, velocity_rad_s: float) -> tuple[float, str]:
-    """Return frequency and name of a block at a speed."""
-    if frequency_hz > 0.0:
-        return frequency_hz, f"{frequency_hz:g} Hz"
-    return order * abs(velocity_rad_s) / (2.0 * math.pi), f"order {order:g}"
-
-
 def _curve(notches: list[float], nyquist: float) -> FloatArray:
     """Return frequencies for a plot: logarithmic, denser at the notches."""
     lowest = 0.2 * min([*notches, 0.5])
@@ -290,8 +286,9 @@ def _curve(notches: list[float], nyquist: float) -> FloatArray:
 
 
 def _notch(
-    steady: SteadyFilter, hz: float, name: str, others: list[float], nyquist: float
+    steady: SteadyFilter, hz: float, block: OscillatorBlock, others: list[float], nyquist: float
 ) -> Notch:
+    name = f"{hz:g} Hz" if block.frequency_hz > 0.0 else f"order {block.order:g}"
     depth = float(abs(steady.transfer(np.array([hz]))[0]))
     below = max((x for x in (0.0, *others) if x < hz), default=0.0)
     above = min((x for x in (nyquist, *others) if x > hz), default=nyquist)
@@ -352,7 +349,7 @@ def inject(
     found = []
     for hz in frequency_hz:
         angle = 2.0 * math.pi * hz * time
-        block = run(packed, new_state(packed), time, velocity, np.cos(angle))
+        block = run(packed, new_state(packed), (time, velocity, np.cos(angle), None))
         late = slice(samples // 2, samples)
         basis = np.stack((np.cos(angle), np.sin(angle)), axis=1)[late, : 2 if hz > 0.0 else 1]
         fit = np.linalg.lstsq(basis, block.torque_filtered_nm[late], rcond=None)[0]

@@ -19,16 +19,16 @@ def new_state(model):
     return kalman.new_state(kalman.pack(model))
 
 
-def run(model, state, *samples, **options):
-    return kalman.run(kalman.pack(model), state, *samples, **options)
+def run(model, state, *samples, angle_rad=None, **options):
+    return kalman.run(kalman.pack(model), state, (*samples, angle_rad), **options)
 
 
 def batch(model, *samples, **options):
-    return kalman.batch(kalman.pack(model), *samples, **options)
+    return kalman.batch(kalman.pack(model), (*samples, None), **options)
 
 
 def smooth(model, *samples, **options):
-    return kalman.smooth(kalman.pack(model), *samples, **options)
+    return kalman.smooth(kalman.pack(model), (*samples, None), **options)
 
 
 def filter_model(blocks, r, *, inertia=0.0, angle=False, **more):

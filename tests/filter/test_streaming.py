@@ -184,7 +184,7 @@ def test_time_that_does_not_increase_is_refused_and_changes_nothing(kernel, bad)
 
 
 def test_channels_of_different_length_are_refused(kernel):
-    with pytest.raises(ValueError, match="torque_nm has 2 samples"):
+    with pytest.raises(ValueError, match="torque_nm has shape \\(2,\\)"):
         OnlineFilter(MODEL, kernel=kernel).process([0.0], [0.0], [0.0, 1.0])
     with pytest.raises(ValueError, match="needed: 1 dimension"):
         OnlineFilter(MODEL, kernel=kernel).process([[0.0]], [0.0], [0.0])

@@ -28,9 +28,9 @@ from hdbench.filter.tuning.limits import (
     slow_density,
     with_moving_offset,
 )
-from hdbench.filter.tuning.problem import describe_motion, scaled, score
+from hdbench.filter.tuning.problem import TuningSettings, describe_motion, scaled, score
 from hdbench.filter.tuning.result import Estimate, check_innovations, ljung_box, nis_band
-from hdbench.filter.tuning.run import TuningSettings, settings_of
+from hdbench.filter.tuning.run import settings_of
 from hdbench.filter.tuning.search import curvature
 
 SETTINGS = TuningSettings(4.0, 40.0)

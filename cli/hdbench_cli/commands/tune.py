@@ -15,8 +15,9 @@ from hdbench.errors import DataError, UsageError
 from hdbench.filter import FilterModel, OscillatorBlock, kernel_name, kernel_reason
 from hdbench.filter.model import SCHEMA
 from hdbench.filter.presets import choose_filter
+from hdbench.filter.tuning.problem import TuningSettings
 from hdbench.filter.tuning.result import TuningResult
-from hdbench.filter.tuning.run import TuningSettings, settings_of, tune_traces
+from hdbench.filter.tuning.run import settings_of, tune_traces
 from hdbench.profile import Profile
 from hdbench.records import read_json, write_json
 from hdbench.results.parts import first_fault

@@ -185,7 +185,7 @@ def unresolved_tolerance_nm(packed: FloatArray) -> float:
 def vector_header(packed: FloatArray, sample_period_s: float) -> str:
     """Return the header with test vectors of a model."""
     time, velocity, torque = check_samples(_SAMPLES, sample_period_s)
-    answer = run(packed, new_state(packed), time, velocity, torque)
+    answer = run(packed, new_state(packed), (time, velocity, torque, None))
     lines = []
     for name, values in (
         ("velocity", velocity),

@@ -89,10 +89,8 @@ def forget_beyond_the_data(
     raised = model
     for halving in range(_HALVINGS):
         share = 0.25**halving
-        least = {i: floor * share for i, floor in floors.items()}
-        raised = _with_noise(
-            model, {i: max(model.blocks[i].process_noise, low) for i, low in least.items()}
-        )
+        least = {i: max(model.blocks[i].process_noise, f * share) for i, f in floors.items()}
+        raised = _with_noise(model, least)
         if _same_torque(model, raised, motion):
             break
     else:
@@ -148,7 +146,7 @@ def _same_torque(model: FilterModel, raised: FilterModel, motion: Motion) -> boo
         hz = np.concatenate(([0.0], np.geomspace(0.5, 10.0, 40)))
         hz = hz[hz < 0.5 / motion.period_s]
         for block in model.blocks:
-            own = block.frequency_hz or block.order * speed / (2.0 * math.pi)
+            own = block.frequency_at(speed)
             hz = hz[(hz < own / _NOTCH) | (hz > own * _NOTCH)]
         try:
             change = transfer_at_steady_speed(raised, speed, motion.period_s, hz)
@@ -162,10 +160,8 @@ def _same_torque(model: FilterModel, raised: FilterModel, motion: Motion) -> boo
 
 def _floor(model: FilterModel, block: OscillatorBlock, motion: Motion) -> float:
     """Process noise, per radian or second, of a memory as long as the traces."""
-    if block.frequency_hz > 0.0:
-        hz, rate, whole = block.frequency_hz, 1.0, motion.duration_s
-    else:
-        hz = block.order * motion.speed_rad_s / (2.0 * math.pi)
+    hz, rate, whole = block.frequency_at(motion.speed_rad_s), 1.0, motion.duration_s
+    if block.order > 0.0:
         rate, whole = motion.speed_rad_s, motion.turned_rad
     if not (hz > 0.0 and whole > 0.0):
         return 0.0

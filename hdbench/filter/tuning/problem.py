@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, PositiveFloat
 
 from hdbench.errors import DataError
 from hdbench.filter.kalman import USABLE
 from hdbench.filter.model import FilterModel, OscillatorBlock, SlowBlock, SlowKind
 from hdbench.filter.online import Channels, run_channels
 from hdbench.records import FloatArray
+from hdbench.results import Part
 
 _LEAST_SAMPLES = 2000
 
@@ -133,7 +135,45 @@ def preview(record: Channels) -> Channels:
     )
 
 
-Target = Literal["block", "slow"]
+SlowChoice = Literal["auto", "none"] | SlowKind
+
+
+class TuningSettings(Part, kw_only=False):
+    """Settings of a tuning: priors, kind of slow torque, gate, limits.
+
+    Parameters
+    ----------
+    order_prior_std_nm : float
+        Standard deviation of ripple and misalignment before the first sample, N m, > 0.
+    slow_prior_std_nm : float
+        The same of a constant torque, N m, > 0.
+    slow : str
+        ``auto``: the stationary kind that the likelihood prefers, beside a slowly walking offset;
+        ``none``: no torque but the expected one; or one kind by name.
+    gate_sigma : float or None
+        Samples beyond so many standard deviations of their innovation count as outliers; None
+        keeps all.
+    torque_limit_nm : float or None
+        Torque at or beyond which the sensor is saturated, N m; None where it is not known.
+    max_evaluations : int
+        Evaluations of the likelihood per start, >= 50.
+
+    Raises
+    ------
+    ValueError
+        If a number or choice is out of its domain.
+    """
+
+    order_prior_std_nm: PositiveFloat
+    slow_prior_std_nm: PositiveFloat
+    slow: SlowChoice = "auto"
+    # below 4 a gate cuts into Gaussian noise: one sample in 16 000
+    gate_sigma: Annotated[float, Field(ge=4.0)] | None = 6.0
+    torque_limit_nm: PositiveFloat | None = None
+    max_evaluations: Annotated[int, Field(ge=50)] = 1500
+
+
+LogLikelihood = Callable[[FloatArray], float]
 _WALKS = ("none", "random-walk", "integrated-random-walk")
 # a wander of a tenth of the torque's deviation per own turn is no longer an order
 _LARGEST_WANDER = 0.01
@@ -147,8 +187,7 @@ class Parameter:
 
     name: str
     unit: str
-    target: Target
-    index: int
+    block: int | None  # place of its order among the blocks; None of a number of the slow torque
     field: str
     relative: bool  # whether it scales with the measurement noise
     starts: tuple[float, ...]  # logarithms, as are the bounds
@@ -166,16 +205,30 @@ class Problem:
     def model(self, logs: Sequence[float] | FloatArray) -> FilterModel:
         """Return the model at a point, at measurement noise 1."""
         blocks, slow = list(self.base.blocks), list(self.base.slow)
-        changes: dict[tuple[Target, int], dict[str, float]] = {}
+        numbers: dict[str, float] = {}
         for parameter, value in zip(self.parameters, logs, strict=True):
-            place = changes.setdefault((parameter.target, parameter.index), {})
-            place[parameter.field] = math.exp(float(value))
-        for (target, index), numbers in changes.items():
-            if target == "block":
-                blocks[index] = replace(blocks[index], process_noise=numbers["process_noise"])
+            number, place = math.exp(float(value)), parameter.block
+            if place is None:
+                numbers[parameter.field] = number
             else:
-                slow[index] = _slow_with(slow[index], numbers)
+                blocks[place] = replace(blocks[place], process_noise=number)
+        if numbers:
+            slow[-1] = _slow_with(slow[-1], numbers)
         return replace(self.base, blocks=tuple(blocks), slow=tuple(slow))
+
+    def likelihood(self, records: Sequence[Channels]) -> LogLikelihood:
+        """Return the log-likelihood of traces as a function of the point, nats."""
+
+        def value(logs: FloatArray) -> float:
+            return score(self.model(logs), records).log_likelihood
+
+        return value
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper ends of every parameter, logarithms."""
+        ends = [(p.lower, p.upper) for p in self.parameters]
+        return np.array([low for low, _ in ends]), np.array([high for _, high in ends])
 
     def starts(self) -> list[list[float]]:
         """Return the points that the search starts from."""
@@ -202,8 +255,7 @@ def build_problem(
     parameters = [_order_parameter(i, block, motion, excess) for i, block in enumerate(base.blocks)]
     if kind is None:
         return Problem(base, tuple(parameters))
-    at = len(base.slow)
-    parameters += _slow_parameters(kind, at, motion, excess)
+    parameters += _slow_parameters(kind, motion, excess)
     return Problem(replace(base, slow=(*base.slow, _seed(kind))), tuple(parameters))
 
 
@@ -232,11 +284,11 @@ def _order_parameter(
     lower = min(math.log(step / (30.0 * whole) ** 2), upper - 1.0)
     start = min(max(math.log(step / (0.3 * whole) ** 2), lower), upper)
     return Parameter(
-        f"{name} process_noise", unit, "block", index, "process_noise", True, (start,), lower, upper
+        f"{name} process_noise", unit, index, "process_noise", True, (start,), lower, upper
     )
 
 
-def _slow_parameters(kind: SlowKind, at: int, motion: Motion, excess: float) -> list[Parameter]:
+def _slow_parameters(kind: SlowKind, motion: Motion, excess: float) -> list[Parameter]:
     dt, whole, size = motion.period_s, motion.duration_s, math.log(excess)
 
     def one(
@@ -245,7 +297,7 @@ def _slow_parameters(kind: SlowKind, at: int, motion: Motion, excess: float) -> 
         lower, upper = bounds
         relative = field in ("variance", "noise_per_s")
         inside = tuple(min(max(value, lower), upper) for value in starts)
-        return Parameter(f"{kind} {field}", unit, "slow", at, field, relative, inside, lower, upper)
+        return Parameter(f"{kind} {field}", unit, None, field, relative, inside, lower, upper)
 
     if kind == "random-walk":
         return [one("noise_per_s", "(N m)^2/s", (size, size - 5.0), (-25.0, size + 15.0))]
@@ -322,13 +374,7 @@ def scaled(relative: FilterModel, noise_nm2: float) -> FilterModel:
 
 
 def relative_model(
-    base: FilterModel,
-    motion: Motion,
-    noise_nm2: float,
-    *,
-    slow: str,
-    order_prior_std_nm: float,
-    slow_prior_std_nm: float,
+    base: FilterModel, motion: Motion, noise_nm2: float, settings: TuningSettings
 ) -> FilterModel:
     """Return the model at measurement noise 1: noise per angle, priors relative, the offset."""
     scale = math.sqrt(noise_nm2)
@@ -342,15 +388,15 @@ def relative_model(
         )
         for block in base.blocks
     )
-    walking = slow in _WALKS
+    walking = settings.slow in _WALKS
     offset = () if walking else (SlowBlock("random-walk", noise_per_s=_offset_noise(base, motion)),)
     return replace(
         base,
         blocks=blocks,
         slow=offset,
         measurement_noise=1.0,
-        order_prior_std_nm=order_prior_std_nm / scale,
-        slow_prior_std_nm=slow_prior_std_nm / scale,
+        order_prior_std_nm=settings.order_prior_std_nm / scale,
+        slow_prior_std_nm=settings.slow_prior_std_nm / scale,
         gate_sigma=None,
         tuning=None,
     )

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PositiveFloat
 
 from hdbench.estimation.stretches import true_runs
 from hdbench.filter.kalman import GATE_SAMPLES, GATED
@@ -25,6 +23,8 @@ from hdbench.filter.tuning import limits
 from hdbench.filter.tuning.problem import (
     Motion,
     Problem,
+    SlowChoice,
+    TuningSettings,
     build_problem,
     check_records,
     describe_motion,
@@ -40,45 +40,6 @@ from hdbench.filter.tuning.search import estimate_all, maximise
 from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray, Trace
-from hdbench.results import Part
-
-SlowChoice = Literal["auto", "none"] | SlowKind
-
-
-class TuningSettings(Part, kw_only=False):
-    """Settings of a tuning: priors, kind of slow torque, gate, limits.
-
-    Parameters
-    ----------
-    order_prior_std_nm : float
-        Standard deviation of ripple and misalignment before the first sample, N m, > 0.
-    slow_prior_std_nm : float
-        The same of a constant torque, N m, > 0.
-    slow : str
-        ``auto``: the stationary kind that the likelihood prefers, beside a slowly walking offset;
-        ``none``: no torque but the expected one; or one kind by name.
-    gate_sigma : float or None
-        Samples beyond so many standard deviations of their innovation count as outliers; None
-        keeps all.
-    torque_limit_nm : float or None
-        Torque at or beyond which the sensor is saturated, N m; None where it is not known.
-    max_evaluations : int
-        Evaluations of the likelihood per start, >= 50.
-
-    Raises
-    ------
-    ValueError
-        If a number or choice is out of its domain.
-    """
-
-    order_prior_std_nm: PositiveFloat
-    slow_prior_std_nm: PositiveFloat
-    slow: SlowChoice = "auto"
-    # below 4 a gate cuts into Gaussian noise: one sample in 16 000
-    gate_sigma: Annotated[float, Field(ge=4.0)] | None = 6.0
-    torque_limit_nm: PositiveFloat | None = None
-    max_evaluations: Annotated[int, Field(ge=50)] = 1500
-
 
 # ripple and misalignment stay below a tenth of the rated torque on a bench worth filtering
 _ORDER_SHARE = 0.1
@@ -134,16 +95,13 @@ class _Trial:
 
     def attempt(self, kind: SlowKind | None, records: Sequence[Channels]) -> CandidateResult:
         """Search the most likely point for one kind of slow torque."""
-        problem, part = self.problem(kind), [preview(record) for record in records]
-
-        def value(logs: FloatArray) -> float:
-            return score(problem.model(logs), records).log_likelihood
-
-        def value_of_part(logs: FloatArray) -> float:
-            return score(problem.model(logs), part).log_likelihood
-
-        most = self.settings.max_evaluations
-        best = maximise(problem, value, preview=value_of_part, max_evaluations=most)
+        problem = self.problem(kind)
+        best = maximise(
+            problem,
+            problem.likelihood(records),
+            preview=problem.likelihood([preview(record) for record in records]),
+            max_evaluations=self.settings.max_evaluations,
+        )
         penalty = 0.5 * math.log(self.motion.samples) * len(problem.parameters)
         automatic = self.settings.slow == "auto"
         return CandidateResult(
@@ -199,14 +157,7 @@ def tune(
     """
     base, records, guess = _screened(base, records, settings)
     motion = describe_motion(records)
-    start = relative_model(
-        base,
-        motion,
-        guess,
-        slow=settings.slow,
-        order_prior_std_nm=settings.order_prior_std_nm,
-        slow_prior_std_nm=settings.slow_prior_std_nm,
-    )
+    start = relative_model(base, motion, guess, settings)
     trial, kinds = _Trial(start, settings, motion, guess), _kinds_of(settings)
     tried, chosen, usable, outliers = _search(trial, records)
     logs = tried[chosen].optimum.logs

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hdbench.filter.online import Channels
-from hdbench.filter.tuning.problem import Parameter, Problem, score
+from hdbench.filter.tuning.problem import LogLikelihood, Parameter, Problem, score
 from hdbench.filter.tuning.result import Estimate, Optimum, Start
 from hdbench.records import FloatArray
 
@@ -23,8 +23,6 @@ _SETTLED_NATS = 0.02  # a start that ends within this of the best has found the 
 _DROP_NATS = 2.0  # as far as two standard errors of a normal likelihood
 _FLAT_NATS = 0.25  # information below which one standard error is more than a factor e^2
 _BISECTIONS = 6
-
-LogLikelihood = Callable[[FloatArray], float]
 
 
 def maximise(
@@ -43,10 +41,8 @@ def maximise(
     .. [1] R. H. Byrd, P. Lu, J. Nocedal, C. Zhu, "A limited memory algorithm for bound constrained
        optimization", SIAM J. Sci. Comput. 16 (1995) 1190-1208.
     """
-    lower = np.array([p.lower for p in problem.parameters])
-    upper = np.array([p.upper for p in problem.parameters])
     ends = [
-        _climb(np.array(start), (lower, upper), (preview, value), max_evaluations)
+        _climb(np.array(start), problem.bounds, (preview, value), max_evaluations)
         for start in problem.starts()
     ]
     best_logs, best = max(ends, key=lambda end: end[1].log_likelihood)
@@ -84,7 +80,7 @@ def _climb(
             },
         )
         logs = np.clip(np.asarray(found.x) * scale, *bounds)
-        reached, slope = -float(found.fun), _free_slope(found.x, found.jac, bounds, scale)
+        reached, slope = -float(found.fun), count.free_slope(found.x, found.jac, scale)
         count.value = values[1]
         if stretch == 0 and not values[1](logs) > values[1](start):
             logs = start  # the part had nothing of what the whole has, such as a step of the load
@@ -118,25 +114,19 @@ class _Counted:
 
         return fall
 
+    def free_slope(self, units: FloatArray, slope: FloatArray, scale: FloatArray) -> float:
+        """Return the largest slope that no bound holds, nats per unit of `scale`."""
+        logs = units * scale
+        # a bound reached through the scaling is met to rounding
+        low = (logs <= self.bounds[0] + 1e-9) & (slope > 0)
+        high = (logs >= self.bounds[1] - 1e-9) & (slope < 0)
+        return float(np.max(np.abs(np.where(low | high, 0.0, slope)), initial=0.0))
+
     def sharpness(self, logs: FloatArray) -> FloatArray:
         """Return minus the second derivative along each logarithm; where it is none, 0."""
         self.evaluations += 1 + 2 * logs.size
         inside = np.clip(logs, self.bounds[0] + _SHARPNESS_STEP, self.bounds[1] - _SHARPNESS_STEP)
         return sharpness(inside, self.value)
-
-
-def _free_slope(
-    units: FloatArray,
-    slope: FloatArray,
-    bounds: tuple[FloatArray, FloatArray],
-    scale: FloatArray,
-) -> float:
-    """Return the largest slope that no bound holds, nats per unit of `scale`."""
-    logs = units * scale
-    # a bound reached through the scaling is met to rounding
-    low = (logs <= bounds[0] + 1e-9) & (slope > 0)
-    high = (logs >= bounds[1] - 1e-9) & (slope < 0)
-    return float(np.max(np.abs(np.where(low | high, 0.0, slope)), initial=0.0))
 
 
 def sharpness(logs: FloatArray, value: LogLikelihood) -> FloatArray:
@@ -181,12 +171,11 @@ def estimate_all(
     The standard error of a logarithm is the root of the inverse observed information over the
     parameters that the data inform about; the others have no peak and get limits instead.
     """
-
-    def value(at: FloatArray) -> float:
-        return score(problem.model(at), records).log_likelihood
-
-    best = score(problem.model(logs), records)
-    information = curvature(_inside(problem, logs), value)
+    best, value = score(problem.model(logs), records), problem.likelihood(records)
+    lower, upper = problem.bounds
+    # a step away from the bounds, where differences can be taken
+    inside = np.asarray(np.clip(logs, lower + 0.1, upper - 0.1), dtype=np.float64)
+    information = curvature(inside, value)
     peaked = np.flatnonzero(np.diag(information) > _FLAT_NATS)
     errors: dict[int, float] = {}
     if peaked.size:
@@ -213,15 +202,8 @@ def estimate_all(
     return tuple(found)
 
 
-def _inside(problem: Problem, logs: FloatArray) -> FloatArray:
-    """Return the point a step away from its bounds, where differences can be taken."""
-    lower = np.array([p.lower for p in problem.parameters]) + 0.1
-    upper = np.array([p.upper for p in problem.parameters]) - 0.1
-    return np.asarray(np.clip(logs, lower, upper), dtype=np.float64)
-
-
 def _limits(
-    index: int, parameter: Parameter, logs: FloatArray, value: Callable[[FloatArray], float]
+    index: int, parameter: Parameter, logs: FloatArray, value: LogLikelihood
 ) -> tuple[float | None, float | None]:
     """Return upper and lower logarithm beyond which the likelihood falls by two nats."""
     here = value(logs)
