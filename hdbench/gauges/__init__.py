@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hdbench.gauges.errortable import Tolerance, table_as_csv, tabulate_errors
 from hdbench.gauges.layout import LAYOUTS, GridGeometry, usual_places
-from hdbench.gauges.misplacement import gauged_bench
+from hdbench.gauges.strain import gauged_bench
 
 __all__ = [
     "LAYOUTS",

@@ -11,12 +11,8 @@ import numpy as np
 
 from hdbench.errors import UsageError
 from hdbench.gauges.layout import cancellation
-from hdbench.gauges.misplacement import (
-    GaugedBench,
-    closed_form_ripple,
-    placement_effects,
-)
-from hdbench.gauges.strain import PlacementErrors, off_centre
+from hdbench.gauges.misplacement import closed_form_ripple, placement_effects
+from hdbench.gauges.strain import GaugedBench, PlacementErrors, off_centre
 from hdbench.records import FloatArray
 from hdbench.records.csvtext import csv_text
 from hdbench.records.quantity import coverage_factor

@@ -1,14 +1,14 @@
-"""Strain under every grid, and the Wheatstone bridge that turns it into volts."""
+"""Gauged bench: strain under every grid, and the Wheatstone bridge that turns it into volts."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hdbench.gauges.layout import GridGeometry, Layout
-from hdbench.profile.schema import Sensor
+from hdbench.profile.schema import ProfileData, Sensor
 from hdbench.records.trace import FloatArray
 
 
@@ -72,26 +72,141 @@ class PlacementErrors:
         zero = np.zeros((draws, rosettes))
         return cls(zero, zero, zero)
 
+    def part(self, rows: slice) -> PlacementErrors:
+        """Return some of the draws."""
+        return PlacementErrors(
+            self.radial_mm[rows], self.circumferential_rad[rows], self.angular_rad[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class GaugedBench:
+    """A flexspline with its gauges, and the sensor that reads them."""
+
+    # the rosettes
+    layout: Layout
+    # where their grids are
+    geometry: GridGeometry
+    # the strain under them
+    field: StrainField
+    # gauge factor, supply, amplifier, gain
+    sensor: Sensor
+    # torque at which the gain is taken, N m
+    rated_torque_nm: float
+
+    def uncancelled_nm(self, wave: Wave) -> float:
+        """Return the ripple that all rosettes at one place would show, N m.
+
+        Parameters
+        ----------
+        wave : Wave
+            One order of the wave generator's strain.
+
+        Returns
+        -------
+        float
+            A, N m: half the wave's strain of a pair, read as torsion. Equation 4 with the profile's
+            gain; the wave is that of the mean radius.
+        """
+        return 0.5 * wave.pair_strain / _strain_per_nm(self.sensor)
+
+    def with_strain(
+        self,
+        second: float | None,
+        fourth: float | None,
+        normal_share: float,
+        assembly: float | None,
+    ) -> GaugedBench:
+        """Return the bench under other strain.
+
+        Parameters
+        ----------
+        second, fourth : float or None
+            Strain of a pair at order 2 and 4; None keeps it.
+        normal_share : float
+            Amplitude of normal over shear wave strain.
+        assembly : float or None
+            Steady radial strain of assembly; None takes that of order 2.
+
+        Returns
+        -------
+        GaugedBench
+        """
+        known = {wave.order: wave.pair_strain for wave in self.field.waves}
+        strains = {2.0: second, 4.0: fourth}
+        waves = tuple(
+            Wave(order, known[order] if given is None else given)
+            for order, given in strains.items()
+        )
+        field = replace(
+            self.field,
+            waves=waves,
+            normal_share=normal_share,
+            assembly_strain=waves[0].pair_strain if assembly is None else assembly,
+        )
+        return replace(self, field=field)
+
+
+def _strain_per_nm(sensor: Sensor) -> float:
+    """Return the strain that the bridge takes for 1 N m (equation 4), 1/(N m)."""
+    volts = sensor.amplifier_gain * sensor.excitation_v * sensor.gauge_factor
+    return 1.0 / (sensor.gain_nm_per_v * volts)
+
+
+def gauged_bench(
+    data: ProfileData, layout: Layout, geometry: GridGeometry, field: StrainField | None = None
+) -> GaugedBench:
+    r"""Return the profile's bench with gauges in place.
+
+    Parameters
+    ----------
+    data : ProfileData
+        Sensor, rated torque and the ripple of its model.
+    layout : Layout
+        The rosettes.
+    geometry : GridGeometry
+        Where their grids are.
+    field : StrainField or None
+        Waves and assembly strain; its torsion is replaced. None takes the profile's wave strain at
+        order 2 and, at order 4, the strain that the model's ripple of order 4 stands for.
+
+    Returns
+    -------
+    GaugedBench
+        With the torsion strain that makes the profile's gain true for rosettes in place.
+
+    Notes
+    -----
+    Equation 4 in volts: :math:`1 / (G\,a\,K\,E_{sup})` strain per N m, G the gain in N m/V and a
+    the amplifier's gain. Grids beside the mean radius see :math:`(r_0 / r)^2` of it, which is taken
+    off the mean.
+    """
+    sensor, seen_strain = data.sensor, _strain_per_nm(data.sensor)
+    half = 0.5 * geometry.spacing_mm / geometry.radius_mm
+    seen = 0.5 * ((1.0 - half) ** -2 + (1.0 + half) ** -2)
+    torsion = seen_strain / seen
+    if field is None:
+        fourth = sum(r.amplitude_nm for r in data.model.ripple if r.order == 4.0)
+        waves = (Wave(2.0, sensor.wave_strain), Wave(4.0, 2.0 * seen_strain * fourth))
+        field = StrainField(torsion, waves, assembly_strain=sensor.wave_strain)
+    return GaugedBench(
+        layout,
+        geometry,
+        replace(field, torsion_per_nm=torsion),
+        sensor,
+        data.drive.rated_torque_nm,
+    )
+
 
 def grid_strain(
-    field: StrainField,
-    layout: Layout,
-    geometry: GridGeometry,
-    errors: PlacementErrors,
-    *,
-    torque_nm: float,
-    wave_angle_rad: FloatArray,
+    bench: GaugedBench, errors: PlacementErrors, *, torque_nm: float, wave_angle_rad: FloatArray
 ) -> FloatArray:
     r"""Return the strain along every grid.
 
     Parameters
     ----------
-    field : StrainField
-        The strain of the diaphragm.
-    layout : Layout
-        Where the rosettes should be.
-    geometry : GridGeometry
-        Where their grids are.
+    bench : GaugedBench
+        The strain of the diaphragm, where rosettes should be and where their grids are.
     errors : PlacementErrors
         How far the rosettes are off.
     torque_nm : float
@@ -115,11 +230,12 @@ def grid_strain(
     :math:`\varepsilon_m, \varepsilon_d` have the amplitude :math:`\frac{1}{2} \Psi_m` times
     `normal_share` and go with the cosine, as those of an ovalised ring do.
     """
-    radius, angle, direction = _grid_places(layout, geometry, errors)
-    growth = (radius / geometry.radius_mm) ** field.radial_growth
+    field, middle_mm = bench.field, bench.geometry.radius_mm
+    radius, angle, direction = _grid_places(bench.layout, bench.geometry, errors)
+    growth = (radius / middle_mm) ** field.radial_growth
     steady = 0.5 * field.assembly_strain * growth[:, None]
     shear = np.broadcast_to(
-        (field.torsion_per_nm * torque_nm * (geometry.radius_mm / radius) ** 2)[:, None],
+        (field.torsion_per_nm * torque_nm * (middle_mm / radius) ** 2)[:, None],
         (len(radius), len(wave_angle_rad), *radius.shape[1:]),
     )
     normal = np.broadcast_to(steady, shear.shape)

@@ -3,8 +3,7 @@
 import pytest
 
 from hdbench.gauges import LAYOUTS, GridGeometry, gauged_bench
-from hdbench.gauges.misplacement import GaugedBench
-from hdbench.gauges.strain import StrainField, Wave
+from hdbench.gauges.strain import GaugedBench, StrainField, Wave
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ProfileData
 

@@ -34,10 +34,8 @@ def test_one_active_gauge_has_the_quarter_bridge_error():
 def test_rated_torque_of_the_report_is_0_60606_mv_per_v_and_303_microstrain(report, bench):
     gauged = bench()
     assert 40.0 * gauged.field.torsion_per_nm == pytest.approx(303.03e-6, rel=1e-4)
-    strain = grid_strain(
-        gauged.field, gauged.layout, gauged.geometry, PlacementErrors.none(1, 4),
-        torque_nm=40.0, wave_angle_rad=np.array([0.0]),
-    )  # fmt: skip
+    errors, beta = PlacementErrors.none(1, 4), np.array([0.0])
+    strain = grid_strain(gauged, errors, torque_nm=40.0, wave_angle_rad=beta)
     assert bridge_ratio(strain, 2.0)[0, 0] == pytest.approx(0.60606e-3, rel=1e-4)
     assert torque_reading(strain, report.sensor)[0, 0] == pytest.approx(40.0, rel=1e-3)
 
@@ -50,10 +48,8 @@ def test_an_odd_number_of_rosettes_is_refused():
 def test_the_pair_difference_is_the_reports_equation_2(bench):
     gauged = bench()
     beta = np.linspace(0.0, np.pi, 9)
-    strain = grid_strain(
-        gauged.field, gauged.layout, gauged.geometry, PlacementErrors.none(1, 4),
-        torque_nm=10.0, wave_angle_rad=beta,
-    )  # fmt: skip
+    errors = PlacementErrors.none(1, 4)
+    strain = grid_strain(gauged, errors, torque_nm=10.0, wave_angle_rad=beta)
     torsion = gauged.field.torsion_per_nm * 10.0
     first = strain[0, :, 0, 0] - strain[0, :, 0, 1]
     second = strain[0, :, 1, 0] - strain[0, :, 1, 1]
