@@ -13,13 +13,7 @@ from hdbench.calibration.lever import budget_row
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity, coverage_factor
 from hdbench.records.trace import FloatArray
-from hdbench.results.calibration import (
-    BudgetRow,
-    ExpandedGain,
-    ExperimentLine,
-    MonteCarlo,
-    PositionVariance,
-)
+from hdbench.results import calibration as record
 
 # number of trials that fixes the ends of a 95 % interval to two digits of the uncertainty
 _DRAWS = 1_000_000
@@ -55,11 +49,11 @@ def expanded_uncertainty(std: float, dof: float | None) -> ExpandedUncertainty:
     return ExpandedUncertainty(std, known, k, k * std)
 
 
-def expanded_gain(value: float, found: ExpandedUncertainty | None) -> ExpandedGain | None:
+def expanded_gain(value: float, found: ExpandedUncertainty | None) -> record.ExpandedGain | None:
     """Return an expanded uncertainty beside the gain that it belongs to."""
     if found is None:
         return None
-    return ExpandedGain(
+    return record.ExpandedGain(
         value=value,
         **asdict(found),
         expanded_relative=found.expanded / abs(value) if value else None,
@@ -80,13 +74,13 @@ def combined(parts: Sequence[tuple[float, float | None]]) -> tuple[float, float 
 
 def gain_rows(
     gain: Quantity,
-    lines: tuple[ExperimentLine, ...],
-    torque_rows: tuple[BudgetRow, ...],
+    lines: tuple[record.ExperimentLine, ...],
+    torque_rows: tuple[record.BudgetRow, ...],
     bench: ProfileData | None,
-) -> tuple[BudgetRow, ...]:
+) -> tuple[record.BudgetRow, ...]:
     """Return the budget of the mean gain."""
     relative, n = gain.std / abs(gain.value), len(lines)
-    scatter = BudgetRow(
+    scatter = record.BudgetRow(
         name="scatter of the gain",
         group="gain",
         half_width=relative,
@@ -100,7 +94,7 @@ def gain_rows(
     return (scatter, *torque_rows, *_instrument(bench), *_side_force(lines, loading))
 
 
-def _instrument(bench: ProfileData | None) -> tuple[BudgetRow, ...]:
+def _instrument(bench: ProfileData | None) -> tuple[record.BudgetRow, ...]:
     if bench is None:
         return ()
     stated = bench.standards.instrument
@@ -113,12 +107,14 @@ def _instrument(bench: ProfileData | None) -> tuple[BudgetRow, ...]:
     )
 
 
-def _side_force(lines: tuple[ExperimentLine, ...], loading: str) -> tuple[BudgetRow, ...]:
+def _side_force(
+    lines: tuple[record.ExperimentLine, ...], loading: str
+) -> tuple[record.BudgetRow, ...]:
     """Return a row without size where one direction alone leaves the side force in the gain."""
     if loading == "couple" or len({line.direction for line in lines}) > 1:
         return ()
     return (
-        BudgetRow(
+        record.BudgetRow(
             name="side force, one direction only",
             group="gain",
             half_width=None,
@@ -129,7 +125,7 @@ def _side_force(lines: tuple[ExperimentLine, ...], loading: str) -> tuple[Budget
     )
 
 
-def expanded_of(value: float, rows: Sequence[BudgetRow]) -> ExpandedUncertainty:
+def expanded_of(value: float, rows: Sequence[record.BudgetRow]) -> ExpandedUncertainty:
     """Return the expanded uncertainty of the gain averaged over positions."""
     sized = [row for row in rows if row.relative_std > 0.0]
     if not sized:
@@ -141,9 +137,9 @@ def expanded_of(value: float, rows: Sequence[BudgetRow]) -> ExpandedUncertainty:
 
 def expanded_any_one(
     value: float,
-    positions: PositionVariance | None,
-    lines: tuple[ExperimentLine, ...],
-    rows: Sequence[BudgetRow],
+    positions: record.PositionVariance | None,
+    lines: tuple[record.ExperimentLine, ...],
+    rows: Sequence[record.BudgetRow],
 ) -> ExpandedUncertainty | None:
     """Return the expanded uncertainty of the gain at any one position."""
     n_positions = len(by_position(lines))
@@ -169,8 +165,8 @@ def expanded_naive(gains: Sequence[float]) -> ExpandedUncertainty | None:
 
 
 def propagate(
-    value: float, rows: Sequence[BudgetRow], formula: tuple[float, float], *, seed: int
-) -> MonteCarlo | None:
+    value: float, rows: Sequence[record.BudgetRow], formula: tuple[float, float], *, seed: int
+) -> record.MonteCarlo | None:
     """Draw the gain.
 
     Notes
@@ -196,7 +192,7 @@ def propagate(
     digit = 0.5 * 10.0 ** (math.floor(math.log10(std)) - 1)
     tolerance = max(digit, _SIGMAS * max(_end_std(trials, end) for end in (low, low + keep - 1)))
     ends = (value - expanded, value + expanded)
-    return MonteCarlo(
+    return record.MonteCarlo(
         draws=_DRAWS,
         seed=seed,
         mean_nm_per_v=float(trials.mean()),
@@ -218,7 +214,7 @@ def _end_std(trials: FloatArray, place: int) -> float:
     return math.sqrt(p * (1.0 - p) / n) * slope
 
 
-def _block(generator: np.random.Generator, rows: Sequence[BudgetRow], n: int) -> FloatArray:
+def _block(generator: np.random.Generator, rows: Sequence[record.BudgetRow], n: int) -> FloatArray:
     """Return the relative deviation of n trials."""
     total = np.zeros(n)
     for row in rows:

@@ -14,13 +14,7 @@ from hdbench.calibration.readings import TakenReading
 from hdbench.profile.calibrating import Arm
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity
-from hdbench.results.calibration import (
-    Consensus,
-    DirectionEffects,
-    ExperimentLine,
-    PairedDifference,
-    SideForce,
-)
+from hdbench.results import calibration as record
 
 # means of both levels that cancel to this share of either have no relative difference
 _CANCELLED = 1e-9
@@ -33,7 +27,7 @@ _BOTH = ("side-force", "direction-asymmetry")
 
 def paired_difference(
     entries: Sequence[tuple[Hashable, str, float]], first: str, second: str
-) -> PairedDifference | None:
+) -> record.PairedDifference | None:
     """Compare two levels over the pairs that have both.
 
     Notes
@@ -41,6 +35,8 @@ def paired_difference(
     Gains of one level of one pair are averaged. ``t = mean / (s / sqrt(n))`` with n - 1 dof: what
     a pair shares, the position above all, is not in s.
     """
+    from scipy.special import stdtr
+
     pairs: dict[Hashable, dict[str, list[float]]] = {}
     for shared, level, gain in entries:
         pairs.setdefault(shared, {}).setdefault(level, []).append(gain)
@@ -57,7 +53,7 @@ def paired_difference(
     dof = float(len(both) - 1)
     statistic = mean / std if std > 0.0 else None
     total = float(one.mean()) + float(two.mean())
-    return PairedDifference(
+    return record.PairedDifference(
         first=first,
         second=second,
         mean_first_nm_per_v=float(one.mean()),
@@ -65,18 +61,12 @@ def paired_difference(
         difference_nm_per_v=Quantity(mean, std, dof),
         relative=Quantity(2.0 * mean / total, std / (abs(total) / 2.0), dof),
         t_statistic=statistic,
-        probability=None if statistic is None else _two_sided(statistic, dof),
+        probability=None if statistic is None else 2.0 * float(stdtr(dof, -abs(statistic))),
         n_pairs=len(both),
     )
 
 
-def _two_sided(statistic: float, dof: float) -> float:
-    from scipy.special import stdtr
-
-    return 2.0 * float(stdtr(dof, -abs(statistic)))
-
-
-def consensus(gains: Sequence[float], stds: Sequence[float]) -> Consensus | None:
+def consensus(gains: Sequence[float], stds: Sequence[float]) -> record.Consensus | None:
     """Weigh gains by their own uncertainties and find what these do not explain.
 
     Notes
@@ -103,7 +93,7 @@ def consensus(gains: Sequence[float], stds: Sequence[float]) -> Consensus | None
         extra += over / float((weights**2 * (y - mean) ** 2).sum())
     weights = 1.0 / (own + extra)
     mean = _weighted(y, weights)[0]
-    return Consensus(
+    return record.Consensus(
         birge_ratio=math.sqrt(chi_square / (n - 1)),
         chi_square=chi_square,
         between_std_nm_per_v=math.sqrt(extra),
@@ -130,7 +120,7 @@ class DirectionEntry:
     lever_per_m: float
 
 
-def direction_effects(entries: Sequence[DirectionEntry]) -> DirectionEffects:
+def direction_effects(entries: Sequence[DirectionEntry]) -> record.DirectionEffects:
     """Separate side force from a true difference of the directions, where the data allow it.
 
     Notes
@@ -172,7 +162,7 @@ def direction_effects(entries: Sequence[DirectionEntry]) -> DirectionEffects:
     if mean == 0.0:
         return _together("the sensitivities of the positions cancel")
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return DirectionEffects(
+    return record.DirectionEffects(
         separated=True,
         group=(),
         reason=f"{len(both)} ways of loading in both directions",
@@ -181,8 +171,8 @@ def direction_effects(entries: Sequence[DirectionEntry]) -> DirectionEffects:
     )
 
 
-def _together(reason: str) -> DirectionEffects:
-    return DirectionEffects(separated=False, group=_BOTH, reason=reason)
+def _together(reason: str) -> record.DirectionEffects:
+    return record.DirectionEffects(separated=False, group=_BOTH, reason=reason)
 
 
 def _same(one: float, two: float, largest: float) -> bool:
@@ -199,13 +189,11 @@ def _distinct(levers: Sequence[float]) -> list[float]:
 
 def direction_entries(
     readings: Sequence[TakenReading],
-    lines: tuple[ExperimentLine, ...],
+    lines: tuple[record.ExperimentLine, ...],
     bench: ProfileData | None,
 ) -> list[DirectionEntry]:
     """Return the sensitivity of each experiment and how its torque was applied."""
-    first: dict[str, TakenReading] = {}
-    for taken in readings:
-        first.setdefault(taken.reading.experiment, taken)
+    first = {taken.reading.experiment: taken for taken in reversed(readings)}
     out = []
     for number, line in zip(position_numbers(lines), lines, strict=True):
         detail = first[line.id].detail
@@ -217,8 +205,8 @@ def direction_entries(
 
 
 def side_force(
-    largest: AppliedTorque | None, direction: PairedDifference | None, arm: Arm | None
-) -> SideForce | None:
+    largest: AppliedTorque | None, direction: record.PairedDifference | None, arm: Arm | None
+) -> record.SideForce | None:
     """Return side force, bending moment and what they may do to the gain.
 
     Notes
@@ -240,7 +228,7 @@ def side_force(
         )
     else:
         reason = "its crosstalk changes sign with the direction and cancels in the mean of both"
-    return SideForce(
+    return record.SideForce(
         force_n=force,
         bending_nm=None if distance is None else force * distance,
         half_direction_difference=None

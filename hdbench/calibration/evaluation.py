@@ -35,22 +35,9 @@ from hdbench.calibration.stepwise.series import odd_readings, step_groups
 from hdbench.errors import DataError
 from hdbench.profile.calibrating import AcceptanceLimits
 from hdbench.profile.schema import ProfileData
-from hdbench.records.loads import LoadReading, Loads
+from hdbench.records.loads import Loads
 from hdbench.records.quantity import Quantity
-from hdbench.results.calibration import (
-    Acceptance,
-    ArmRecord,
-    CalibrationResult,
-    ExperimentLine,
-    ExperimentStep,
-    GainUncertainty,
-    IdentityRecord,
-    LimitTest,
-    LoadGroup,
-    Loop,
-    PairedDifference,
-    StandardsRecord,
-)
+from hdbench.results import calibration as record
 
 # stands for a class that is worse than the worst: the next of the series
 _WORSE = 2.0 * CLASSES[-1]
@@ -62,15 +49,15 @@ _RULES = {
 }
 
 
-def decide(tests: Sequence[LimitTest], rule: str) -> tuple[bool | None, Acceptance]:
+def decide(tests: Sequence[record.LimitTest], rule: str) -> tuple[bool | None, record.Acceptance]:
     """Decide by all tests: None where none is broken and one could not be tested."""
     told = tuple(replace(test, passed=_passed(test, rule)) for test in tests)
     held = [test.passed for test in told]
     accepted = False if False in held else None if None in held else True
-    return accepted, Acceptance(decision_rule=rule, statement=_RULES[rule], tests=told)
+    return accepted, record.Acceptance(decision_rule=rule, statement=_RULES[rule], tests=told)
 
 
-def _passed(test: LimitTest, rule: str) -> bool | None:
+def _passed(test: record.LimitTest, rule: str) -> bool | None:
     if test.value is None:
         return None
     tested = test.upper if rule == "guarded" and test.upper is not None else test.value
@@ -79,41 +66,39 @@ def _passed(test: LimitTest, rule: str) -> bool | None:
 
 def limit_tests(
     expanded: float,
-    groups: Sequence[LoadGroup],
-    loops: Sequence[Loop],
-    direction: PairedDifference | None,
+    groups: Sequence[record.LoadGroup],
+    loops: Sequence[record.Loop],
+    direction: record.PairedDifference | None,
     limits: AcceptanceLimits,
-) -> list[LimitTest]:
+) -> list[record.LimitTest]:
     """Return every value that has a limit beside the consistency."""
     zeros = [abs(x.zero_return_relative) for x in loops if x.zero_return_relative is not None]
     bends = [x.lack_of_fit.relative for x in groups if x.lack_of_fit is not None]
+    apart = upper = None
+    if direction is not None:
+        relative = direction.relative
+        apart = abs(relative.value)
+        upper = apart + budget.expanded_uncertainty(relative.std, relative.dof).expanded
     rows = (
-        ("expanded-uncertainty", expanded, limits.max_expanded_uncertainty),
-        ("class", _grade(groups), limits.max_class),
-        ("zero-return", max(zeros, default=None), limits.max_zero_return),
-        ("hysteresis", max((x.relative for x in loops), default=None), limits.max_hysteresis),
-        ("lack-of-fit", max(bends, default=None), limits.max_lack_of_fit),
+        ("expanded-uncertainty", expanded, limits.max_expanded_uncertainty, None),
+        ("class", _grade(groups), limits.max_class, None),
+        ("zero-return", max(zeros, default=None), limits.max_zero_return, None),
+        ("hysteresis", max((x.relative for x in loops), default=None), limits.max_hysteresis, None),
+        ("lack-of-fit", max(bends, default=None), limits.max_lack_of_fit, None),
+        ("direction-asymmetry", apart, limits.max_direction_asymmetry, upper),
     )
-    tests = [LimitTest(name=n, value=v, limit=limit) for n, v, limit in rows if limit is not None]
-    return [*tests, *_asymmetry(direction, limits.max_direction_asymmetry)]
+    return [
+        record.LimitTest(name=name, value=value, limit=limit, upper=upper)
+        for name, value, limit, upper in rows
+        if limit is not None
+    ]
 
 
-def _grade(groups: Sequence[LoadGroup]) -> float | None:
+def _grade(groups: Sequence[record.LoadGroup]) -> float | None:
     grade = overall_class(groups)
     if grade.value is None and any(c.allowed is None for c in grade.criteria):
         return _WORSE
     return grade.value
-
-
-def _asymmetry(direction: PairedDifference | None, limit: float | None) -> list[LimitTest]:
-    name = "direction-asymmetry"
-    if limit is None:
-        return []
-    if direction is None:
-        return [LimitTest(name=name, value=None, limit=limit)]
-    value, relative = abs(direction.relative.value), direction.relative
-    upper = value + budget.expanded_uncertainty(relative.std, relative.dof).expanded
-    return [LimitTest(name=name, value=value, limit=limit, upper=upper)]
 
 
 # an uncertainty below this share of the gain is rounding: trials cannot show it
@@ -127,7 +112,7 @@ def evaluate_calibration(
     max_consistency: float,
     bench: ProfileData | None = None,
     monte_carlo_seed: int | None = None,
-) -> CalibrationResult:
+) -> record.CalibrationResult:
     """Evaluate static readings as the report does, and as a metrologist does beside it.
 
     Parameters
@@ -193,7 +178,7 @@ def evaluate_calibration(
     sequence = tuple(loads.metadata.get("sequence", ()))
     course = course_of(everything, sequence)
     shunt = None if bench is None else bench.calibration.shunt
-    return CalibrationResult(
+    return record.CalibrationResult(
         gain_nm_per_v=Quantity(value, mean.std, mean.dof),
         gain_basis=basis,
         gain_basis_reason=reason,
@@ -208,7 +193,7 @@ def evaluate_calibration(
         grade=grade.value,
         class_reason=f"{_METHOD}; {grade.reason}",
         groups=tuple(group for group, _ in groups),
-        uncertainty=GainUncertainty(
+        uncertainty=record.GainUncertainty(
             mean_of_positions=budget.expanded_gain(value, mean),
             any_one_position=budget.expanded_gain(
                 value, budget.expanded_any_one(value, positions, lines, rows)
@@ -258,22 +243,22 @@ def _check_sign(gain: float, source: str) -> None:
 
 def _lines(
     readings: Sequence[TakenReading], source: str
-) -> tuple[tuple[ExperimentLine, ...], tuple[ExperimentStep, ...]]:
+) -> tuple[tuple[record.ExperimentLine, ...], tuple[record.ExperimentStep, ...]]:
     """Return the line of each experiment, and the steps of all."""
-    groups: dict[str, list[tuple[int, LoadReading]]] = {}
+    groups: dict[str, list[TakenReading]] = {}
     for taken in readings:
-        groups.setdefault(taken.reading.experiment, []).append((taken.index, taken.reading))
+        groups.setdefault(taken.reading.experiment, []).append(taken)
     if not groups:
         raise DataError(
             "found 0 readings; needed: at least one experiment of 3 readings",
             where=source,
             fix="give a loads file with readings",
         )
-    found = [fit_experiment(name, group, source=source) for name, group in groups.items()]
+    found = [fit_experiment(group, source) for group in groups.values()]
     return tuple(line for line, _ in found), tuple(step for _, own in found for step in own)
 
 
-def _consistency(lines: tuple[ExperimentLine, ...], gain: float) -> dict[str, Any]:
+def _consistency(lines: tuple[record.ExperimentLine, ...], gain: float) -> dict[str, Any]:
     """Return the consistency and its intervals; None for one experiment."""
     if len(lines) < 2:
         return {"consistency": None}
@@ -287,9 +272,9 @@ def _consistency(lines: tuple[ExperimentLine, ...], gain: float) -> dict[str, An
     }
 
 
-def _consistency_test(spread: dict[str, Any], limit: float) -> LimitTest:
+def _consistency_test(spread: dict[str, Any], limit: float) -> record.LimitTest:
     interval = spread.get("consistency_interval")
-    return LimitTest(
+    return record.LimitTest(
         name="consistency",
         value=spread["consistency"],
         limit=limit,
@@ -298,8 +283,8 @@ def _consistency_test(spread: dict[str, Any], limit: float) -> LimitTest:
 
 
 def _paired(
-    lines: tuple[ExperimentLine, ...], places: Sequence[int], first: str, second: str
-) -> PairedDifference | None:
+    lines: tuple[record.ExperimentLine, ...], places: Sequence[int], first: str, second: str
+) -> record.PairedDifference | None:
     """Compare directions or ranges over the pairs that share position and the other of both."""
     entries = []
     for place, line in zip(places, lines, strict=True):
@@ -316,9 +301,9 @@ def _declared(bench: ProfileData | None) -> dict[str, Any]:
         return {}
     item = {**dict(bench.sensor), **dict(bench.drive), **dict(bench.identity)}
     return {
-        "standards": StandardsRecord.from_json(bench.standards.model_dump(), "standards"),
-        "identity": IdentityRecord.from_json(item, "identity"),
-        "arm": ArmRecord(**bench.arm.model_dump()),
+        "standards": record.StandardsRecord.from_json(bench.standards.model_dump(), "standards"),
+        "identity": record.IdentityRecord.from_json(item, "identity"),
+        "arm": record.ArmRecord(**bench.arm.model_dump()),
         "validity_days": bench.calibration.validity_days,
         "average_s": bench.calibration.average_s,
     }

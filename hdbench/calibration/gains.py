@@ -279,6 +279,8 @@ def one_way(groups: Sequence[Sequence[float]]) -> PositionVariance | None:
     ----------
     .. [1] S. R. Searle, G. Casella, C. E. McCulloch, Variance Components, Wiley 1992, section 3.6.
     """
+    from scipy.special import fdtrc
+
     p, n = len(groups), sum(len(g) for g in groups)
     if p < 2 or n <= p:
         return None
@@ -295,7 +297,7 @@ def one_way(groups: Sequence[Sequence[float]]) -> PositionVariance | None:
         mean_square_between=between,
         mean_square_within=within,
         f_ratio=ratio,
-        probability=None if ratio is None else _tail(p - 1, n - p, ratio),
+        probability=None if ratio is None else float(fdtrc(p - 1, n - p, ratio)),
         repeatability_nm_per_v=math.sqrt(within),
         between_positions_nm_per_v=math.sqrt(place),
         reproducibility_nm_per_v=math.sqrt(variance),
@@ -303,12 +305,6 @@ def one_way(groups: Sequence[Sequence[float]]) -> PositionVariance | None:
         mean_std_nm_per_v=math.sqrt(between / n),
         mean_dof=p - 1,
     )
-
-
-def _tail(first: int, second: int, ratio: float) -> float:
-    from scipy.special import fdtrc
-
-    return float(fdtrc(first, second, ratio))
 
 
 def _sums_of_squares(groups: Sequence[Sequence[float]]) -> tuple[float, float]:

@@ -135,12 +135,12 @@ def _force(
     density = f"weights of {mass.density_kg_m3:g} kg/m^3"
     air_words = "air density not declared" if air is None else f"air of {air:.4f} kg/m^3, {density}"
     corrections = (
-        _correction("pan and hook", tare, True, f"{arm.tare_kg:g} kg"),
-        _correction(
+        Correction("pan and hook", tare, True, f"{arm.tare_kg:g} kg"),
+        Correction(
             "certified mass", mass.relative_correction, True, "certified over nominal mass, less 1"
         ),
-        _correction("conventional mass", to_true - 1.0, air is not None, density),
-        _correction("air buoyancy", in_air - 1.0, air is not None, air_words),
+        Correction("conventional mass", to_true - 1.0, air is not None, density),
+        Correction("air buoyancy", in_air - 1.0, air is not None, air_words),
     )
     factor = (1.0 + mass.relative_correction) * to_true * in_air
     return loaded * arm.gravity_m_s2 * factor, corrections
@@ -157,10 +157,10 @@ def _length(length: float, arm: Arm, around: Conditions) -> tuple[float, Correct
     expansion, temperature = arm.thermal_expansion_per_k, around.temperature_c
     if expansion is None or temperature is None:
         missing = "expansion" if expansion is None else "temperature"
-        return length, _correction("arm temperature", 0.0, False, f"{missing} not declared")
+        return length, Correction("arm temperature", 0.0, False, f"{missing} not declared")
     relative = expansion * (temperature - arm.reference_temperature_c)
     detail = f"{temperature:.2f} deg C, length stated at {arm.reference_temperature_c:g} deg C"
-    return length * (1.0 + relative), _correction("arm temperature", relative, True, detail)
+    return length * (1.0 + relative), Correction("arm temperature", relative, True, detail)
 
 
 def _tilt(flat_nm: float, length: float, arm: Arm) -> float:
@@ -182,18 +182,14 @@ def _geometry(tilt: float, offset: float, length: float, arm: Arm) -> tuple[Corr
     hung = "offset not declared" if below is None else f"{1e3 * below:g} mm below the axis line"
     level = math.cos(tilt)
     return (
-        _correction("arm tilt", level - 1.0, known, words),
-        _correction(
+        Correction("arm tilt", level - 1.0, known, words),
+        Correction(
             "hang-point offset",
             0.0 - offset * math.sin(tilt) / (length * level),
             known and below is not None,
             f"{hung}, {words}",
         ),
     )
-
-
-def _correction(name: str, relative: float, made: bool, detail: str) -> Correction:
-    return Correction(name=name, relative=relative, made=made, detail=detail)
 
 
 # largest permissible errors from 100 g up, share of the mass: OIML R 111-1 (2004), table 1

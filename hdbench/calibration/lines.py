@@ -36,7 +36,7 @@ def position_number(position_rad: float, places: list[float]) -> int:
 
 
 def fit_experiment(
-    name: str, readings: Sequence[tuple[int, LoadReading]], *, source: str
+    own: Sequence[TakenReading], source: str
 ) -> tuple[ExperimentLine, tuple[ExperimentStep, ...]]:
     """Fit the line of one loading experiment.
 
@@ -46,14 +46,15 @@ def fit_experiment(
     CIM-TR-97-06 section 3. A reading is doubtful where its externally studentised residual
     exceeds Student's t at 0.05 / (2 n): one experiment in twenty shows one by chance.
     """
-    _check_one_experiment(name, readings, source)
-    volts = np.array([r.reading_v for _, r in readings])
-    torque = np.array([r.torque_nm for _, r in readings])
+    readings = [taken.reading for taken in own]
+    first, name = readings[0], readings[0].experiment
+    _check_one_experiment(readings, source)
+    volts = np.array([r.reading_v for r in readings])
+    torque = np.array([r.torque_nm for r in readings])
     fit = _fit_line(name, volts, torque, source)
     gain, intercept = fit.quantity(0), fit.quantity(1)
-    steps = _steps([r for _, r in readings], gain.value, float(fit.coefficients[1]))
+    steps = _steps(readings, gain.value, float(fit.coefficients[1]))
     widths = [abs(s.hysteresis_v * gain.value) for s in steps if s.hysteresis_v is not None]
-    first = readings[0][1]
     line = ExperimentLine(
         id=name,
         position_rad=first.position_rad,
@@ -68,7 +69,7 @@ def fit_experiment(
         residual_rms_nm=fit.rms,
         hysteresis_nm=max(widths) if widths else None,
         n=len(readings),
-        doubtful=tuple(readings[i][0] for i in _doubtful(volts, fit.residual)),
+        doubtful=tuple(own[i].index for i in _doubtful(volts, fit.residual)),
     )
     return line, steps
 
@@ -101,18 +102,12 @@ def _fit_line(name: str, volts: FloatArray, torque: FloatArray, source: str) -> 
     return fit
 
 
-def _check_one_experiment(
-    name: str, readings: Sequence[tuple[int, LoadReading]], source: str
-) -> None:
-    first = readings[0][1].position_rad
+def _check_one_experiment(readings: Sequence[LoadReading], source: str) -> None:
+    name, places = readings[0].experiment, [readings[0].position_rad]
+    same_place = not any(position_number(r.position_rad, places) for r in readings)
     for key in ("position_rad", "direction", "range"):
-        values = sorted({str(getattr(r, key)) for _, r in readings})
-        if key == "position_rad" and all(
-            abs(math.remainder(r.position_rad - first, 2.0 * math.pi)) < _POSITION_RAD
-            for _, r in readings
-        ):
-            continue
-        if len(values) > 1:
+        values = sorted({str(getattr(r, key)) for r in readings})
+        if len(values) > 1 and not (key == "position_rad" and same_place):
             raise DataError(
                 f"experiment {name} holds {len(values)} values of {key}: {', '.join(values)}; "
                 "needed: one, because one line is fitted to it",
@@ -184,22 +179,19 @@ def loading_loops(
     readings: Sequence[TakenReading], lines: tuple[ExperimentLine, ...]
 ) -> dict[str, Loop]:
     """Return the loop of each experiment that was loaded and unloaded."""
-    own: dict[str, list[TakenReading]] = {line.id: [] for line in lines}
-    for taken in readings:
-        own[taken.reading.experiment].append(taken)
     found: dict[str, Loop] = {}
     for line in lines:
-        branches = [
-            (
-                np.array([abs(t.reading.torque_nm) for t in own[line.id] if t.reading.series == s]),
-                np.array([t.reading.reading_v for t in own[line.id] if t.reading.series == s]),
-            )
-            for s in ("up", "down")
-        ]
-        top = max(abs(t.reading.torque_nm) for t in own[line.id])
+        own = [t.reading for t in readings if t.reading.experiment == line.id]
+        torque = np.array([abs(r.torque_nm) for r in own])
+        volts, up = np.array([r.reading_v for r in own]), np.array([r.series == "up" for r in own])
         # anticlockwise torques are counted as positive too: so is then the gain
         sign = 1.0 if line.direction == "cw" else -1.0
-        loop = loading_loop(branches[0], branches[1], sign * line.gain_nm_per_v, ZERO_SHARE * top)
+        loop = loading_loop(
+            (torque[up], volts[up]),
+            (torque[~up], volts[~up]),
+            sign * line.gain_nm_per_v,
+            ZERO_SHARE * float(torque.max()),
+        )
         if loop is not None:
             found[line.id] = loop
     return found

@@ -317,7 +317,7 @@ class Outlier(Part):
     limit: float = key("beyond which it is an outlier")
 
 
-class Correction(Part):
+class Correction(Part, kw_only=False):
     """One correction of the applied torque."""
 
     name: str = key("correction")

@@ -137,7 +137,7 @@ def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> St
         reading = _reading(source, maps)
         time_s = _time(source, maps, len(reading), recipe.rate_hz)
     stairs = find_plateaus(time_s, reading, plan.least_s)
-    loads = _staircase_loads(stairs, plan.loads, plan.unit, place, arm, source=str(file))
+    loads = _staircase_loads(stairs, plan, place, arm, str(file))
     staged = staged_path(out)
     try:
         write_loads(staged, loads)
@@ -207,22 +207,16 @@ def _column(source: Source, target: str, text: str, option: str) -> FloatArray:
 
 
 def _staircase_loads(
-    stairs: Staircase,
-    loads: Sequence[float],
-    unit: str,
-    place: _Place,
-    arm: Arm,
-    *,
-    source: str,
+    stairs: Staircase, plan: StaircasePlan, place: _Place, arm: Arm, source: str
 ) -> Loads:
     """Give every plateau its load."""
-    found = stairs.plateaus
+    found, loads = stairs.plateaus, plan.loads
     _check(found, loads, source)
     top = max(range(len(loads)), key=lambda k: loads[k])
     sign = 1.0 if place[3] == "cw" else -1.0
     readings = []
     for k, (plateau, load) in enumerate(zip(found, loads, strict=True)):
-        mass = None if unit == "nm" else load * _KILOGRAM[unit]
+        mass = None if plan.unit == "nm" else load * _KILOGRAM[plan.unit]
         torque = load if mass is None else mass * arm.gravity_m_s2 * arm.length_m
         readings.append(
             LoadReading(

@@ -15,14 +15,7 @@ from hdbench.calibration.lever import TorqueAccount, relative_std
 from hdbench.calibration.lines import series_lack_of_fit
 from hdbench.calibration.stepwise.series import LoadSeries, StepGroup
 from hdbench.records.trace import FloatArray
-from hdbench.results.calibration import (
-    Classification,
-    Criterion,
-    GroupSeries,
-    LoadGroup,
-    LoadStep,
-    StepUncertainty,
-)
+from hdbench.results import calibration as record
 
 # a cubic through zero has three coefficients: with as many steps it has no deviation to show
 _CUBIC = 3
@@ -32,7 +25,9 @@ _CUBIC = 3
 class StepQuantities:
     """Quantities of EURAMET cg-14 for one group; volts, per step. NaN where not defined."""
 
-    # shape (m,): Y: mean deflection over the positions, increasing torque
+    # shape (m,): applied torque, N m
+    torque_nm: FloatArray
+    # Y: mean deflection over the positions, increasing torque
     mean_v: FloatArray
     # Y^h: mean of increasing and decreasing torque
     mean_both_v: FloatArray
@@ -89,6 +84,7 @@ def step_quantities(group: StepGroup) -> StepQuantities:
     mean = _filled(up.mean(axis=0))
     mean_both = np.where(both.count(axis=0).all(), _filled(both.mean(axis=0)), np.nan)
     return StepQuantities(
+        torque_nm=group.torque_nm,
         mean_v=mean,
         mean_both_v=mean_both,
         repeatability_v=_repeatability(group),
@@ -162,13 +158,8 @@ _RECTANGULAR, _TRIANGULAR, _RESOLUTION = math.sqrt(12.0), math.sqrt(24.0), math.
 
 
 def step_uncertainties(
-    found: StepQuantities,
-    torque_nm: FloatArray,
-    relative_torque: FloatArray,
-    resolution_v: float | None,
-    *,
-    unloaded: bool,
-) -> list[StepUncertainty | None]:
+    found: StepQuantities, relative: FloatArray, resolution_v: float | None, *, unloaded: bool
+) -> list[record.StepUncertainty | None]:
     """Return the uncertainty of each step, None where there is no deflection.
 
     Notes
@@ -181,9 +172,9 @@ def step_uncertainties(
     ``(h/Y^h)^2/12`` for the fit; the deviation from the line is known and systematic and is added
     to the expanded uncertainty: ``W' = k w + |fa|/Y^h``.
     """
-    y = found.mean_both_v if unloaded else found.mean_v
+    torque, y = found.torque_nm, found.mean_both_v if unloaded else found.mean_v
     parts = {
-        "torque": relative_torque,
+        "torque": relative,
         "resolution": _over(math.nan if resolution_v is None else resolution_v, y) / _RESOLUTION,
         "repeatability": _over(found.repeatability_v, y) / _RECTANGULAR,
         "reproducibility": _over(found.reproducibility_v, y) / np.sqrt(found.n_at),
@@ -191,17 +182,17 @@ def step_uncertainties(
     }
     if unloaded:
         parts["reversibility"] = _over(found.reversibility_v, y) / _RECTANGULAR
-        added = _over(y - found.linear_both * torque_nm, y)
+        added = _over(y - found.linear_both * torque, y)
     else:
-        powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
+        powers = np.column_stack([torque, torque**2, torque**3])
         parts["fit"] = _over(y - powers @ found.cubic, y) / _TRIANGULAR
-        added = np.zeros(len(torque_nm))
+        added = np.zeros(len(torque))
     return [
         _case(
             {name: float(sizes[k]) for name, sizes in parts.items()},
             int(found.n_at[k]),
             float(added[k]),
-            float(torque_nm[k]),
+            float(torque[k]),
         )
         if math.isfinite(deflection) and deflection != 0.0
         else None
@@ -216,13 +207,13 @@ def _over(values: FloatArray | float, deflection_v: FloatArray) -> FloatArray:
 
 def _case(
     sizes: dict[str, float], n_positions: int, added: float, torque_nm: float
-) -> StepUncertainty:
+) -> record.StepUncertainty:
     # a source without data at this step has no part in it
     parts = {name: size for name, size in sizes.items() if math.isfinite(size)}
     free = {"reproducibility": float(n_positions - 1)}
     std, dof = combined([(size, free.get(name)) for name, size in parts.items()])
     own, guide = expanded_uncertainty(std, dof), _GUIDE_FACTOR * std
-    return StepUncertainty(
+    return record.StepUncertainty(
         parts=parts,
         relative_std=std,
         dof=own.dof,
@@ -267,17 +258,17 @@ def class_limit(name: str, grade: float) -> float:
     return _ROUNDED.get((name, grade), _FACTORS[name] * grade * 1e-2)
 
 
-def _criterion(name: str, value: float) -> Criterion:
+def _criterion(name: str, value: float) -> record.Criterion:
     for grade in CLASSES:
         limit = class_limit(name, grade)
         held = value >= limit if name == "resolution" else value <= limit * (1.0 + _ROUNDING)
         if held:
-            return Criterion(name=name, value=value, allowed=grade, limit=limit)
+            return record.Criterion(name=name, value=value, allowed=grade, limit=limit)
     limit = class_limit(name, CLASSES[-1])
-    return Criterion(name=name, value=value, allowed=None, limit=limit)
+    return record.Criterion(name=name, value=value, allowed=None, limit=limit)
 
 
-def classify(values: dict[str, float | None], needed: Sequence[str]) -> Classification:
+def classify(values: dict[str, float | None], needed: Sequence[str]) -> record.Classification:
     """Return the class that the values allow."""
     known = {n: v for n, v in values.items() if v is not None and math.isfinite(v)}
     criteria = tuple(_criterion(name, value) for name, value in known.items())
@@ -294,13 +285,13 @@ def classify(values: dict[str, float | None], needed: Sequence[str]) -> Classifi
         setting = ", ".join(c.name for c in criteria if c.allowed == value)
         without = f"; no data for {', '.join(missing)}" if missing else ""
         reason = f"set by {setting}{without}"
-    return Classification(value=value, reason=reason, criteria=criteria, missing=missing)
+    return record.Classification(value=value, reason=reason, criteria=criteria, missing=missing)
 
 
-def overall_class(groups: Sequence[LoadGroup]) -> Classification:
+def overall_class(groups: Sequence[record.LoadGroup]) -> record.Classification:
     """Return the worst class of the directions of the widest range."""
     if not groups:
-        return Classification(value=None, reason="nothing was loaded")
+        return record.Classification(value=None, reason="nothing was loaded")
     chosen = [group_class(group) for group in groups if group.range == groups[0].range]
     for one in chosen:
         if one.value is None:
@@ -308,7 +299,7 @@ def overall_class(groups: Sequence[LoadGroup]) -> Classification:
     return max(chosen, key=lambda one: one.value or 0.0)
 
 
-def group_class(group: LoadGroup) -> Classification:
+def group_class(group: record.LoadGroup) -> record.Classification:
     """Return the class of one group: with reversibility where it was unloaded, too."""
     unloaded = group.linear_up_down_v_per_nm is not None
     found = group.class_increasing_decreasing if unloaded else group.class_increasing
@@ -319,18 +310,16 @@ def group_class(group: LoadGroup) -> Classification:
 
 def evaluate_group(
     group: StepGroup, account: TorqueAccount, resolution_v: float | None
-) -> tuple[LoadGroup, tuple[LoadStep, ...]]:
+) -> tuple[record.LoadGroup, tuple[record.LoadStep, ...]]:
     """Evaluate one group in the manner of EURAMET cg-14."""
     found, torque = step_quantities(group), group.torque_nm
     relative = np.array([account.relative_std_at(float(t)) for t in torque])
-    one, two = (
-        step_uncertainties(found, torque, relative, resolution_v, unloaded=unloaded)
-        for unloaded in (False, True)
-    )
-    first, second = _class_values(found, torque, account, resolution_v)
+    one = step_uncertainties(found, relative, resolution_v, unloaded=False)
+    two = step_uncertainties(found, relative, resolution_v, unloaded=True)
+    first, second = _class_values(found, account, resolution_v)
     needed, top = ("reproducibility",), float(torque[-1])
     sensitivity = float(found.mean_v[-1]) / top
-    whole = LoadGroup(
+    whole = record.LoadGroup(
         **group.place,
         n_positions=found.n_positions,
         n_series=len(group.series),
@@ -353,16 +342,14 @@ def evaluate_group(
         series=tuple(_series(s) for s in group.series),
         lack_of_fit=series_lack_of_fit(torque, np.vstack([s.up_v for s in group.series])),
     )
-    return whole, tuple(_step(group, found, k, one[k], two[k]) for k in range(len(torque)))
+    steps = (
+        _step(group, found, k, increasing=one[k], increasing_decreasing=two[k])
+        for k in range(len(torque))
+    )
+    return whole, tuple(steps)
 
 
-def _step(
-    group: StepGroup,
-    found: StepQuantities,
-    k: int,
-    one: StepUncertainty | None,
-    two: StepUncertainty | None,
-) -> LoadStep:
+def _step(group: StepGroup, found: StepQuantities, k: int, **uncertainties: Any) -> record.LoadStep:
     torque, y = float(group.torque_nm[k]), float(found.mean_v[k])
     both = float(found.mean_both_v[k])
     volts = {
@@ -375,27 +362,23 @@ def _step(
     }
     sizes: dict[str, Any] = {f"{name}_v": _known(size) for name, size in volts.items()}
     sizes |= {f"{name}_relative": _known(size, over=y) for name, size in volts.items()}
-    return LoadStep(
+    return record.LoadStep(
         **group.place,
         torque_nm=torque,
         deflection_v=_known(y),
         deflection_up_down_v=_known(both),
         fitted_v=_known(found.linear * torque),
         deviation_up_down_relative=_known(both - found.linear_both * torque, over=both),
-        increasing=one,
-        increasing_decreasing=two,
+        **uncertainties,
         **sizes,
     )
 
 
 def _class_values(
-    found: StepQuantities,
-    torque: FloatArray,
-    account: TorqueAccount,
-    resolution_v: float | None,
+    found: StepQuantities, account: TorqueAccount, resolution_v: float | None
 ) -> tuple[dict[str, float | None], dict[str, float | None]]:
     """Return the largest relative values: for increasing torque, and with decreasing torque."""
-    y, common = found.mean_v, relative_std(account.rows)
+    torque, y, common = found.torque_nm, found.mean_v, relative_std(account.rows)
     cubic = np.array([_cubic_at(found, float(t)) for t in torque])
     shared = {
         "repeatability": _largest(found.repeatability_v, y),
@@ -423,11 +406,11 @@ def _cubic_at(found: StepQuantities, torque: float) -> float:
     return a * torque + b * torque**2 + c * torque**3
 
 
-def _series(series: LoadSeries) -> GroupSeries:
+def _series(series: LoadSeries) -> record.GroupSeries:
     volts = {
         name: tuple(_known(float(v)) for v in getattr(series, name)) for name in ("up_v", "down_v")
     }
-    return GroupSeries.from_json({**asdict(series), **volts}, f"series {series.id}")
+    return record.GroupSeries.from_json({**asdict(series), **volts}, f"series {series.id}")
 
 
 def _known(value: float, *, over: float = 1.0) -> float | None:

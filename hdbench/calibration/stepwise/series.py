@@ -102,7 +102,7 @@ def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
     places: list[float] = []
     counts: dict[tuple[int, int | None], int] = {}
     series = []
-    for name, own in experiments.items():
+    for own in experiments.values():
         position = position_number(own[0].reading.position_rad, places)
         mounting = own[0].detail.mounting
         counted = counts.get((position, mounting), 0)
@@ -110,7 +110,7 @@ def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
         told = own[0].detail.repeat
         repeat = counted if told is None else told
         place = (position, mounting, repeat)
-        series.append(_series(name, own, place, grid, ZERO_SHARE * largest))
+        series.append(_series(own, place, grid, ZERO_SHARE * largest))
     return StepGroup(*key, np.array(grid), tuple(series))
 
 
@@ -142,11 +142,7 @@ def _load_grid(experiments: Iterable[list[TakenReading]], zero_nm: float) -> lis
 
 
 def _series(
-    name: str,
-    own: list[TakenReading],
-    place: tuple[int, int | None, int],
-    grid: list[float],
-    zero_nm: float,
+    own: list[TakenReading], place: tuple[int, int | None, int], grid: list[float], zero_nm: float
 ) -> LoadSeries:
     torque = np.array([abs(t.reading.torque_nm) for t in own])
     volts = np.array([t.reading.reading_v for t in own])
@@ -163,7 +159,7 @@ def _series(
         for chosen in (up & ~zeros, ~up & ~zeros)
     ]
     return LoadSeries(
-        name,
+        own[0].reading.experiment,
         own[0].reading.position_rad,
         *place,
         branches[0],
