@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.estimation.harmonics import background
 from hdbench.records.trace import FloatArray
@@ -139,10 +140,7 @@ def find_peaks(
 
 
 def _names(
-    local: np.ndarray[tuple[int], np.dtype[np.int64]],
-    spectrum: Spectrum,
-    motor_hz: float,
-    named_orders: Mapping[str, float],
+    local: NDArray[np.intp], spectrum: Spectrum, motor_hz: float, named_orders: Mapping[str, float]
 ) -> dict[int, str]:
     names: dict[int, str] = {}
     for name, order in named_orders.items():

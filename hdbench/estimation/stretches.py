@@ -61,22 +61,19 @@ def data_flags(trace: Trace, torque_nm: FloatArray, profile: ProfileData) -> tup
     tuple of DataFlag
         Empty where nothing was found.
     """
-    flags: list[DataFlag] = []
     missing = int(np.count_nonzero(~np.isfinite(torque_nm)))
-    if missing:
-        flags.append(DataFlag("missing-samples", missing, f"{missing} samples without a torque"))
     gaps = int(np.count_nonzero(stretch_starts(trace.time_s)))
-    if gaps:
-        flags.append(DataFlag("gap", gaps, f"{gaps} steps of time above 2.5 median periods"))
+    clipped, range_v = 0, profile.daq.range_v
     if "torque_v" in trace:
         # the last two codes of the converter: a reading there may be any larger voltage
-        step_v = 2.0 * profile.daq.range_v / 2**profile.daq.resolution_bits
-        end_v = profile.daq.range_v - 2.0 * step_v
+        end_v = range_v - 2.0 * (2.0 * range_v / 2**profile.daq.resolution_bits)
         clipped = int(np.count_nonzero(np.abs(trace["torque_v"]) >= end_v))
-        if clipped:
-            detail = f"{clipped} torque samples at the end of +-{profile.daq.range_v} V"
-            flags.append(DataFlag("saturation", clipped, detail))
-    return tuple(flags)
+    flags = (
+        DataFlag("missing-samples", missing, f"{missing} samples without a torque"),
+        DataFlag("gap", gaps, f"{gaps} steps of time above 2.5 median periods"),
+        DataFlag("saturation", clipped, f"{clipped} torque samples at the end of +-{range_v} V"),
+    )
+    return tuple(flag for flag in flags if flag.samples)
 
 
 # smoothing of the velocity before it is judged: longer than a ripple period at any useful speed

@@ -299,6 +299,9 @@ def user_causes(paths: Iterable[Path]) -> tuple[Cause, ...]:
 
 # group of causes that are no names of the contract
 _OWN = "user's own"
+# what is told of a cause beside its equation and parameters
+_TOLD = ("additive", "channels", "locked_to", "parity", "channel", "look_alikes", "experiment",
+         "source")  # fmt: skip
 
 
 def describe_cause(cause: Cause) -> dict[str, Any]:
@@ -327,15 +330,12 @@ def describe_cause(cause: Cause) -> dict[str, Any]:
             *(_parameter(p, "shape") for p in cause.shape),
             *(_parameter(p, "linear") for p in cause.linear),
         ],
-        "additive": cause.additive,
-        "channels": list(cause.channels),
-        "locked_to": cause.locked_to,
-        "parity": cause.parity,
-        "channel": cause.channel,
-        "look_alikes": list(cause.look_alikes),
-        "experiment": cause.experiment,
-        "source": cause.source,
+        **{name: _plain(getattr(cause, name)) for name in _TOLD},
     }
+
+
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def describe_causes(extra: Iterable[Cause] = ()) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from hdbench.model import declared
 from hdbench.model.causes import ALL_CAUSES
 from hdbench.model.definition import Cause
 from hdbench.profile import loader
-from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text, tuples
+from hdbench.profile.toml_text import Key, read_toml, toml_text, tuples
 
 _HELP = "docs/causes.md lists keys, units and domains"
 _SPECS: Mapping[str, type[BaseModel]] = {
@@ -47,20 +47,17 @@ def load_causes(path: Path) -> tuple[Cause, ...]:
     """
     text = toml_text(path, "name a TOML file of causes")
     raw = tuples(read_toml(text, str(path)))
-    lines = key_lines(text)
+    file = loader.TomlFile(str(path), text)
     try:
         specs = declared.CauseFile.model_validate(raw).cause
     except ValidationError as error:
         entries = [e for e in error.errors(include_url=False) if not loader.said_elsewhere(e)]
-        found = [_entry(str(path), lines, entry) for entry in entries]
-        raise _all_problems(str(path), found) from None
-    found = list(_taken(str(path), lines, specs))
+        raise _all_problems(file.path, [_entry(file, entry) for entry in entries]) from None
+    found = list(_taken(file, specs))
     if not specs:
-        found = [
-            loader.problem(str(path), lines, ("cause",), "holds no cause", f"add one ({_HELP})")
-        ]
+        found = [file.problem(("cause",), "holds no cause", f"add one ({_HELP})")]
     if found:
-        raise _all_problems(str(path), found)
+        raise _all_problems(file.path, found)
     return tuple(declared.cause_of(spec) for spec in specs)
 
 
@@ -84,38 +81,35 @@ def _key(error: Mapping[str, Any]) -> Key:
     return tuple(part for part in error["loc"] if part not in _SPECS)
 
 
-def _entry(path: str, lines: Mapping[Key, int], error: Mapping[str, Any]) -> ProfileError:
+def _entry(file: loader.TomlFile, error: Mapping[str, Any]) -> ProfileError:
     """Return one finding of pydantic with file, line and key."""
     key, kind = _key(error), str(error["type"])
     if kind == "union_tag_not_found":
         fix = f"add kind = ..., one of {', '.join(_SPECS)} ({_HELP})"
-        return loader.problem(path, lines, (*key, "kind"), "missing", fix)
+        return file.problem((*key, "kind"), "missing", fix)
     if kind == "union_tag_invalid":
         words = f"found {error['input'].get('kind')!r}; needed: one of {', '.join(_SPECS)}"
-        return loader.problem(path, lines, (*key, "kind"), words, f"correct the value ({_HELP})")
+        return file.problem((*key, "kind"), words, f"correct the value ({_HELP})")
     spec = next((_SPECS[part] for part in error["loc"] if part in _SPECS), declared.CauseFile)
-    return loader.file_problem(path, lines, key, error, known=spec.model_fields, help_text=_HELP)
+    return file.finding(key, error, spec.model_fields, _HELP)
 
 
-def _taken(
-    path: str, lines: Mapping[Key, int], specs: Iterable[declared.Spec]
-) -> Iterable[ProfileError]:
+def _taken(file: loader.TomlFile, specs: Sequence[declared.Spec]) -> Iterator[ProfileError]:
     """Yield one problem for every name that is taken and every look-alike that does not exist."""
     catalogue = {cause.name for cause in ALL_CAUSES}
     seen = set(catalogue)
-    specs = list(specs)
     known = catalogue | {spec.name for spec in specs}
     for place, spec in enumerate(specs):
         if spec.name in seen:
             owner = "the catalogue" if spec.name in catalogue else "a cause above it"
             what = f"{spec.name!r} is a name of {owner}; needed: a name of its own"
-            yield loader.problem(path, lines, ("cause", place, "name"), what, "choose another name")
+            yield file.problem(("cause", place, "name"), what, "choose another name")
         seen.add(spec.name)
         for name in spec.look_alikes:
             if name not in known:
                 near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
-                key: Key = ("cause", place, "look_alikes")
-                yield loader.problem(path, lines, key, f"unknown cause {name!r}", f"write {near!r}")
+                key = ("cause", place, "look_alikes")
+                yield file.problem(key, f"unknown cause {name!r}", f"write {near!r}")
 
 
 def _all_problems(path: str, found: list[ProfileError]) -> DataError:

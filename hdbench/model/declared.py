@@ -9,42 +9,13 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    PositiveFloat,
-    PositiveInt,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, model_validator
 
-from hdbench.model.causes._parts import (
-    REFERENCE_LOAD_NM,
-    REFERENCE_SPEED_RAD_S,
-    Applicable,
-    Shape,
-    all_of,
-    known_torque,
-    lasts,
-    motor_turns,
-    output_turns,
-    pair,
-    pair_parameters,
-    ratio_parameter,
-    single,
-    speed_varies,
-    torque_parameter,
-)
+from hdbench.model.causes import _parts as parts
 from hdbench.model.definition import Cause, Parameter, always, is_harmonic
 from hdbench.model.motion import Motion
+from hdbench.profile.tables import Table
 from hdbench.records.trace import FloatArray
-
-
-class _Strict(BaseModel):
-    """Unknown keys, NaN and infinities are errors; values never change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 def _range(ends: tuple[float, float]) -> tuple[float, float]:
@@ -85,7 +56,7 @@ Turning = Literal["motor", "output"]
 Text = Annotated[str, Field(min_length=1, max_length=400)]
 
 
-class _Named(_Strict):
+class _Named(Table):
     """Keys of every declaration."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$", max_length=64)]
@@ -173,7 +144,7 @@ Spec = HarmonicsSpec | ToneSpec | PolynomialSpec | TableSpec
 Declaration = Annotated[Spec, Field(discriminator="kind")]
 
 
-class CauseFile(_Strict):
+class CauseFile(Table):
     """A file of causes: one [[cause]] table each."""
 
     cause: tuple[Declaration, ...]
@@ -182,35 +153,26 @@ class CauseFile(_Strict):
 _GROWTH: Mapping[str, tuple[str, str, Callable[[Motion], FloatArray | float]]] = {
     "nothing": ("", "does not change with speed or load", lambda _: 1.0),
     "speed": (
-        f" abs(w) / {REFERENCE_SPEED_RAD_S:g} rad/s",
+        f" abs(w) / {parts.REFERENCE_SPEED_RAD_S:g} rad/s",
         "even in speed",
-        lambda m: np.abs(m.velocity_rad_s) / REFERENCE_SPEED_RAD_S,
+        lambda m: np.abs(m.velocity_rad_s) / parts.REFERENCE_SPEED_RAD_S,
     ),
     "speed-squared": (
-        f" (w / {REFERENCE_SPEED_RAD_S:g} rad/s)^2",
+        f" (w / {parts.REFERENCE_SPEED_RAD_S:g} rad/s)^2",
         "even in speed",
-        lambda m: (m.velocity_rad_s / REFERENCE_SPEED_RAD_S) ** 2,
+        lambda m: (m.velocity_rad_s / parts.REFERENCE_SPEED_RAD_S) ** 2,
     ),
     "load": (
-        f" tau / {REFERENCE_LOAD_NM:g} N m",
+        f" tau / {parts.REFERENCE_LOAD_NM:g} N m",
         "odd in load",
-        lambda m: m.applied_nm / REFERENCE_LOAD_NM,
+        lambda m: m.applied_nm / parts.REFERENCE_LOAD_NM,
     ),
     "load-magnitude": (
-        f" abs(tau) / {REFERENCE_LOAD_NM:g} N m",
+        f" abs(tau) / {parts.REFERENCE_LOAD_NM:g} N m",
         "even in load",
-        lambda m: np.abs(m.applied_nm) / REFERENCE_LOAD_NM,
+        lambda m: np.abs(m.applied_nm) / parts.REFERENCE_LOAD_NM,
     ),
 }
-
-
-def cause_of(spec: Spec) -> Cause:
-    """Return the cause that a declaration describes."""
-    if isinstance(spec, HarmonicsSpec):
-        return _harmonics(spec)
-    if isinstance(spec, ToneSpec):
-        return _tone(spec)
-    return _polynomial(spec) if isinstance(spec, PolynomialSpec) else _table(spec)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,27 +181,25 @@ class _Angle:
 
     of: Callable[[Motion], FloatArray]
     symbol: str
-    a_turn: Applicable
+    a_turn: parts.Applicable
 
 
 _ANGLES: Mapping[str, _Angle] = {
-    "motor": _Angle(lambda m: m.angle_rad, "theta_m", motor_turns(1.0)),
-    "output": _Angle(lambda m: m.output_angle_rad, "theta_o", output_turns(1.0)),
+    "motor": _Angle(lambda m: m.angle_rad, "theta_m", parts.motor_turns(1.0)),
+    "output": _Angle(lambda m: m.output_angle_rad, "theta_o", parts.output_turns(1.0)),
 }
 
 
-def _waves(
-    spec: Spec, factors: list[str], growth: str, law: tuple[str, str], **parts: Any
-) -> Cause:
+def _waves(spec: Spec, factors: list[str], growth: str, law: tuple[str, str], **more: Any) -> Cause:
     """Return a sum of sines; `factors` are the texts of their phases."""
     waves = [f"A{i} cos({factor} + phase{i})" for i, factor in enumerate(factors, 1)]
     total = " + ".join(waves)
-    linear: tuple[Parameter, ...] = pair_parameters("the torque")
+    linear: tuple[Parameter, ...] = parts.pair_parameters("the torque")
     if len(waves) > 1:
         numbers = range(1, len(waves) + 1)
-        linear = tuple(p for k in numbers for p in pair_parameters(f"part {k}", f"_{k}"))
+        linear = tuple(p for k in numbers for p in parts.pair_parameters(f"part {k}", f"_{k}"))
     equation = f"({total}){growth}" if growth else total
-    return _cause(spec, equation, law, linear=linear, **parts)
+    return _cause(spec, equation, law, linear=linear, **more)
 
 
 def _harmonics(spec: HarmonicsSpec) -> Cause:
@@ -247,13 +207,15 @@ def _harmonics(spec: HarmonicsSpec) -> Cause:
     free = "order" if spec.of == "motor" else "output_order"
     angle, fixed, ends = _ANGLES[spec.of], spec.orders, spec.order_range
 
-    def columns(motion: Motion, shape: Shape) -> FloatArray:
+    def columns(motion: Motion, shape: parts.Shape) -> FloatArray:
         turned, size = angle.of(motion), envelope(motion)
         orders = fixed or [k * shape[free] for k in spec.multiples]
-        return np.hstack([pair(order * turned, size) for order in orders])
+        return np.hstack([parts.pair(order * turned, size) for order in orders])
 
     orders = [f"{order:g}" for order in fixed or ()] or [f"{k:g} {free}" for k in spec.multiples]
-    needs = all_of(angle.a_turn, known_torque) if "load" in spec.grows_with else angle.a_turn
+    needs = angle.a_turn
+    if "load" in spec.grows_with:
+        needs = parts.all_of(needs, parts.known_torque)
     return _waves(
         spec,
         [f"{order} {angle.symbol}" for order in orders],
@@ -268,9 +230,9 @@ def _harmonics(spec: HarmonicsSpec) -> Cause:
 def _tone(spec: ToneSpec) -> Cause:
     fixed, ends = spec.frequencies_hz, spec.frequency_range_hz
 
-    def columns(motion: Motion, shape: Shape) -> FloatArray:
+    def columns(motion: Motion, shape: parts.Shape) -> FloatArray:
         rates = fixed or (shape["frequency_hz"],)
-        return np.hstack([pair(2.0 * math.pi * rate * motion.time_s) for rate in rates])
+        return np.hstack([parts.pair(2.0 * math.pi * rate * motion.time_s) for rate in rates])
 
     return _waves(
         spec,
@@ -281,7 +243,7 @@ def _tone(spec: ToneSpec) -> Cause:
         if ends is None
         else (Parameter("frequency_hz", "Hz", *ends, "frequency of the tone"),),
         columns=columns,
-        applicable=lasts(1.0),
+        applicable=parts.lasts(1.0),
     )
 
 
@@ -298,9 +260,9 @@ def _has_temperature(motion: Motion) -> str | None:
     return "the record has no temperature_c; needed: the temperature, degC"
 
 
-_VARIABLES: Mapping[str, tuple[str, str, Callable[[Motion], FloatArray], Applicable]] = {
-    "velocity": ("w", "rad/s", lambda m: m.velocity_rad_s, speed_varies),
-    "load": ("tau", "N m", lambda m: m.applied_nm, known_torque),
+_VARIABLES: Mapping[str, tuple[str, str, Callable[[Motion], FloatArray], parts.Applicable]] = {
+    "velocity": ("w", "rad/s", lambda m: m.velocity_rad_s, parts.speed_varies),
+    "load": ("tau", "N m", lambda m: m.applied_nm, parts.known_torque),
     "time": ("(t - t_start)", "s", lambda m: m.time_s - m.time_s[:1], always),
     "temperature": ("(T - T_start)", "degC", _warmth, _has_temperature),
 }
@@ -309,7 +271,7 @@ _VARIABLES: Mapping[str, tuple[str, str, Callable[[Motion], FloatArray], Applica
 def _polynomial(spec: PolynomialSpec) -> Cause:
     symbol, unit, variable, needs = _VARIABLES[spec.over]
 
-    def columns(motion: Motion, _: Shape) -> FloatArray:
+    def columns(motion: Motion, _: parts.Shape) -> FloatArray:
         ratio = variable(motion) / spec.scale
         return np.column_stack([ratio**power for power in spec.powers])
 
@@ -319,7 +281,7 @@ def _polynomial(spec: PolynomialSpec) -> Cause:
         " + ".join(f"c{p} ({symbol} / {spec.scale:g} {unit})^{p}" for p in spec.powers),
         (spec.over, f"{' and '.join(sorted(signs))} in {spec.over}"),
         linear=tuple(
-            torque_parameter(f"power_{p}_nm", f"part with power {p} at {spec.scale:g} {unit}")
+            parts.torque_parameter(f"power_{p}_nm", f"part with power {p} at {spec.scale:g} {unit}")
             for p in spec.powers
         ),
         columns=columns,
@@ -331,15 +293,15 @@ def _polynomial(spec: PolynomialSpec) -> Cause:
 def _table(spec: TableSpec) -> Cause:
     at, torque, angle = np.array(spec.angle_rad), np.array(spec.torque_nm), _ANGLES[spec.of]
 
-    def columns(motion: Motion, _: Shape) -> FloatArray:
+    def columns(motion: Motion, _: parts.Shape) -> FloatArray:
         place = np.remainder(angle.of(motion), 2.0 * math.pi)
-        return single(np.interp(place, at, torque, period=2.0 * math.pi))
+        return parts.single(np.interp(place, at, torque, period=2.0 * math.pi))
 
     return _cause(
         spec,
         f"size f({angle.symbol}), f linear between {len(at)} places of a turn",
         (spec.of, "does not change with speed or load"),
-        linear=(ratio_parameter("size", "factor of the table"),),
+        linear=(parts.ratio_parameter("size", "factor of the table"),),
         columns=columns,
         applicable=angle.a_turn,
     )
@@ -352,21 +314,26 @@ def _cause(
     *,
     linear: tuple[Parameter, ...],
     shape: tuple[Parameter, ...] = (),
-    **parts: Any,
+    **more: Any,
 ) -> Cause:
     """Return a cause by its equation and its law: what it follows, and its parity."""
     return Cause(
-        name=spec.name,
+        **{name: getattr(spec, name) for name in _Named.model_fields},
         equation=equation,
         shape=shape,
         linear=linear,
         locked_to=law[0],
         parity=law[1],
-        channel=spec.channel,
-        look_alikes=spec.look_alikes,
-        experiment=spec.experiment,
-        source=spec.source,
         harmonic=is_harmonic(linear),
         definition=spec.model_dump(mode="json", exclude_none=True),
-        **parts,
+        **more,
     )
+
+
+def cause_of(spec: Spec) -> Cause:
+    """Return the cause that a declaration describes."""
+    if isinstance(spec, HarmonicsSpec):
+        return _harmonics(spec)
+    if isinstance(spec, ToneSpec):
+        return _tone(spec)
+    return _polynomial(spec) if isinstance(spec, PolynomialSpec) else _table(spec)

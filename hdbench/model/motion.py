@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError
-from hdbench.model.localfit import LocalFit, fit_derivative, smoothed
+from hdbench.model.localfit import fit_derivative, smoothed
 from hdbench.profile.scaling import angle_channel, torque_channel, velocity_channel
 from hdbench.profile.schema import Drive, ProfileData
 from hdbench.records.trace import FloatArray, Trace
@@ -37,9 +38,6 @@ TORQUES = ("torque_nm", "torque_v")
 # window of the acceleration: 20 ms hold 21 samples at 1 kHz, which leaves J/N times the noise near
 # 1 mN m with the profile's tacho, and passes a 10 Hz motion to within 0.1 %
 ACCELERATION_WINDOW_S = 0.020
-# degrees whose derivative at the centre of the window is exact for cubic velocity
-_VELOCITY_DEGREE = 3
-_ANGLE_DEGREE = 4
 # a step this many median periods long means that samples are missing: one lost sample makes 2
 _BRIDGE = 1.5
 
@@ -78,6 +76,11 @@ def integrate_velocity(
     return angle, bridged
 
 
+# degrees whose derivative at the centre of the window is exact for cubic velocity
+_by_velocity = partial(fit_derivative, derivative=1, degree=3, window_s=ACCELERATION_WINDOW_S)
+_by_angle = partial(fit_derivative, derivative=2, degree=4, window_s=ACCELERATION_WINDOW_S)
+
+
 def velocity_slope(time_s: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
     """Return the acceleration that a velocity gives, without lag."""
     return _by_velocity(time_s, velocity_rad_s).derivative
@@ -86,22 +89,6 @@ def velocity_slope(time_s: FloatArray, velocity_rad_s: FloatArray) -> FloatArray
 def angle_curvature(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
     """Return the acceleration that a measured angle gives, without lag."""
     return _by_angle(time_s, angle_rad).derivative
-
-
-def _by_velocity(time_s: FloatArray, velocity_rad_s: FloatArray) -> LocalFit:
-    return fit_derivative(
-        time_s,
-        velocity_rad_s,
-        derivative=1,
-        degree=_VELOCITY_DEGREE,
-        window_s=ACCELERATION_WINDOW_S,
-    )
-
-
-def _by_angle(time_s: FloatArray, angle_rad: FloatArray) -> LocalFit:
-    return fit_derivative(
-        time_s, angle_rad, derivative=2, degree=_ANGLE_DEGREE, window_s=ACCELERATION_WINDOW_S
-    )
 
 
 def sampled_acceleration(
@@ -260,6 +247,9 @@ def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
     acceleration, from_what, noise = sampled_acceleration(time, velocity, angle, source)
     valid = np.isfinite(velocity) & np.isfinite(angle) & np.isfinite(output)
     valid &= np.isfinite(acceleration)
+    load = smooth = trace.columns.get("load_torque_nm")
+    if load is not None:
+        smooth = smoothed(time, load, degree=_LOAD_DEGREE, window_s=ACCELERATION_WINDOW_S)
     if int(valid.sum()) < 5:
         raise DataError(
             f"{int(valid.sum())} of {len(time)} samples have a motion; needed: at least 5",
@@ -280,25 +270,17 @@ def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
         "motor" if measured_output is None else "output_angle_rad",
         bridged,
         gauge_order_factor(profile.drive),
-        trace.columns.get("load_torque_nm"),
+        load,
         trace.columns.get("motor_current_a"),
         trace.columns.get("temperature_c"),
         profile.drive.load_inertia_kg_m2 / profile.drive.gear_ratio,
-        load_smooth_nm=_smooth_load(trace, time),
+        load_smooth_nm=smooth,
     )
 
 
 def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
     """Return the torque of a trace, N m: its column, or volts times the profile's gain."""
     return torque_channel(trace, profile.sensor.gain_nm_per_v)
-
-
-def _smooth_load(trace: Trace, time: FloatArray) -> FloatArray | None:
-    """Return the measured load without its fast noise, in the window of the acceleration."""
-    load = trace.columns.get("load_torque_nm")
-    if load is None:
-        return None
-    return smoothed(time, load, degree=_LOAD_DEGREE, window_s=ACCELERATION_WINDOW_S)
 
 
 def _checked_time(trace: Trace) -> FloatArray:

@@ -89,6 +89,10 @@ def motion_from_loads(loads: Loads, profile: ProfileData) -> Motion:
     )
 
 
+# what a reading of a preload has in common with the reading that it repeats
+_REPEATED = ("velocity_rad_s", "angle_rad", "acceleration_rad_s2", "output_angle_rad", "valid")
+
+
 def preloaded_motion(motion: Motion) -> tuple[Motion, NDArray[np.int64]]:
     """Return a standing motion in which every experiment follows one preload.
 
@@ -115,12 +119,8 @@ def preloaded_motion(motion: Motion) -> tuple[Motion, NDArray[np.int64]]:
     warm = motion.temperature_c
     longer = replace(
         motion,
+        **{name: getattr(motion, name)[at] for name in _REPEATED},
         time_s=np.arange(len(at), dtype=np.float64),
-        velocity_rad_s=motion.velocity_rad_s[at],
-        angle_rad=motion.angle_rad[at],
-        acceleration_rad_s2=motion.acceleration_rad_s2[at],
-        output_angle_rad=motion.output_angle_rad[at],
-        valid=motion.valid[at],
         load_torque_nm=torque[at],
         temperature_c=None if warm is None else warm[at],
         starts=fresh,

@@ -23,9 +23,9 @@ from pydantic import (
 )
 
 from hdbench.plant.effects import EFFECT_KINDS, Effect
-from hdbench.profile.loader import all_problems, file_problem, named_files, named_text
+from hdbench.profile.loader import TomlFile, all_problems, named_files, named_text
 from hdbench.profile.tables import NonNegative, Table
-from hdbench.profile.toml_text import Key, key_lines, read_toml
+from hdbench.profile.toml_text import Key, read_toml
 
 
 class Draw(Table):
@@ -196,10 +196,9 @@ def load_plant(name_or_path: str) -> PlantSpec:
     try:
         data = PlantFile.model_validate(raw)
     except ValidationError as error:
-        lines, known = key_lines(text), _known_keys()
+        file, known = TomlFile(path, text), _known_keys()
         found = [
-            file_problem(path, lines, _key(one), one, known=known, help_text=_HELP)
-            for one in error.errors(include_url=False)
+            file.finding(_key(one), one, known, _HELP) for one in error.errors(include_url=False)
         ]
         raise (found[0] if len(found) == 1 else all_problems(path, found)) from None
     return PlantSpec(data, hashlib.sha256(text.encode()).hexdigest())

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, Field, PositiveFloat
+from pydantic import BaseModel, PositiveFloat
 
 from hdbench.profile.acquiring import Acquisition, OutputChannel, Role, SerialLine, TlsFiles
 from hdbench.profile.tables import Conflict, NonNegative, Table, item
@@ -17,21 +17,6 @@ _MODICON = {"coil": (1, 1), "discrete": (10001, 100001), "input": (30001, 300001
             "holding": (40001, 400001)}  # fmt: skip
 _SHORT, _ALL = 9999, 65536
 _REGISTERS = {"i16": 1, "u16": 1, "i32": 2, "u32": 2, "f32": 2, "f64": 4}
-# 465536 is the last holding register in Modicon's numbers
-_Address = Annotated[
-    int, Field(ge=0, le=465536, description="first register or coil, counted as `numbering` says")
-]
-_Type = Annotated[
-    Literal["i16", "u16", "i32", "u32", "f32", "f64"],
-    Field(description="type of the value in registers; a coil is one bit"),
-]
-_Order = Annotated[
-    Literal["ABCD", "CDAB", "BADC", "DCBA"],
-    Field(
-        description="order of the bytes on the wire: most significant first, words swapped, bytes "
-        "swapped in each word, least significant first"
-    ),
-]
 
 
 def number_ranges(numbering: str, table: str) -> tuple[tuple[int, int], ...]:
@@ -51,9 +36,16 @@ class ModbusPlace(Table):
     table: Literal["holding", "input", "coil", "discrete"] = item(
         "table it stands in: read by function 3, 4, 1, 2", "holding"
     )
-    address: _Address
-    type: _Type = "i16"
-    order: _Order = "ABCD"
+    # 465536 is the last holding register in Modicon's numbers
+    address: int = item("first register or coil, counted as `numbering` says", ge=0, le=465536)
+    type: Literal["i16", "u16", "i32", "u32", "f32", "f64"] = item(
+        "type of the value in registers; a coil is one bit", "i16"
+    )
+    order: Literal["ABCD", "CDAB", "BADC", "DCBA"] = item(
+        "order of the bytes on the wire: most significant first, words swapped, bytes swapped in "
+        "each word, least significant first",
+        "ABCD",
+    )
 
 
 class ModbusIdentify(ModbusPlace):

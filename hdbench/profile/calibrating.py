@@ -59,12 +59,6 @@ def gravity_wgs84(latitude_deg: float, altitude_m: float) -> float:
     return surface * (1.0 - slope * altitude_m + 3.0 * (altitude_m / _SEMI_MAJOR_M) ** 2)
 
 
-def local_gravity(latitude_deg: float, altitude_m: float, formula: GravityFormula) -> float:
-    """Return local gravity by the formula of that name."""
-    chosen = gravity_wgs84 if formula == "wgs84" else gravity_welmec
-    return chosen(latitude_deg, altitude_m)
-
-
 _Share = Annotated[float, Field(ge=0.0, lt=1.0)]
 _Text = Annotated[str, Field(max_length=200)]
 _Angle = Annotated[float, Field(ge=-0.5, le=0.5)]
@@ -145,7 +139,8 @@ def _gravity_there(data: dict[str, Any]) -> float:
     latitude, altitude = data.get("latitude_deg"), data.get("altitude_m")
     if latitude is None or altitude is None:
         return _NOWHERE
-    return local_gravity(latitude, altitude, data.get("gravity_formula", "wgs84"))
+    welmec = data.get("gravity_formula") == "welmec"
+    return (gravity_welmec if welmec else gravity_wgs84)(latitude, altitude)
 
 
 class Arm(Table):

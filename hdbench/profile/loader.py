@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, time
+from functools import cached_property
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -31,7 +32,7 @@ _TYPES = {
     "tuple_type": "a list in [ ]",
     "model_type": "a table",
     "model_attributes_type": "a table",
-    "finite_number": "a finite number",
+    "string_pattern_mismatch": "text of another form",
 }
 _BOUNDS = {
     "greater_than": ("gt", "a number above"),
@@ -49,17 +50,36 @@ def key_text(key: Key) -> str:
     return text or "the profile"
 
 
-def _line(lines: Mapping[Key, int], key: Key) -> int:
-    while key and key not in lines:
-        key = key[:-1]
-    return lines.get(key, 1)
+@dataclass(frozen=True)
+class TomlFile:
+    """A TOML text that is refused: its problems name file, line and key."""
 
+    path: str
+    text: str
 
-def problem(path: str, lines: Mapping[Key, int], key: Key, what: str, fix: str) -> ProfileError:
-    """Return one problem at one key."""
-    return ProfileError(
-        f"key {key_text(key)!r}: {what}", where=f"{path}:{_line(lines, key)}", fix=fix
-    )
+    @cached_property
+    def _lines(self) -> Mapping[Key, int]:
+        return key_lines(self.text)
+
+    def problem(self, key: Key, what: str, fix: str) -> ProfileError:
+        """Return one problem at one key; at the table around it where it does not stand there."""
+        known = key
+        while known and known not in self._lines:
+            known = known[:-1]
+        where = f"{self.path}:{self._lines.get(known, 1)}"
+        return ProfileError(f"key {key_text(key)!r}: {what}", where=where, fix=fix)
+
+    def finding(
+        self, key: Key, error: Mapping[str, Any], known: Iterable[str], help_text: str
+    ) -> ProfileError:
+        """Return one finding of pydantic in a file that is no profile."""
+        if error["type"] == "missing":
+            return self.problem(key, "missing", f"add {key[-1]} = ... ({help_text})")
+        if error["type"] == "extra_forbidden":
+            near = difflib.get_close_matches(str(key[-1]), known, n=1)
+            fix = f"did you mean {near[0]!r}?" if near else f"take it out ({help_text})"
+            return self.problem(key, "unknown", fix)
+        return self.problem(key, said(error), f"correct the value ({help_text})")
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:
@@ -127,19 +147,13 @@ def _shown(value: object) -> str:
 
 
 def _needed(error: Mapping[str, Any]) -> str:
-    kind, context = str(error["type"]), error.get("ctx", {})
-    if kind in _TYPES:
-        return _TYPES[kind]
+    kind = str(error["type"])
     if kind in _BOUNDS:
         name, words = _BOUNDS[kind]
-        return f"{words} {context[name]}"
-    if kind == "literal_error":
-        return str(context["expected"])
+        return f"{words} {error['ctx'][name]}"
     if kind == "too_short":
-        return f"at least {context['min_length']} entries"
-    if kind == "string_pattern_mismatch":
-        return "text of another form"
-    return str(error["msg"])
+        return f"at least {error['ctx']['min_length']} entries"
+    return _TYPES.get(kind) or str(error["msg"]).removeprefix("Input should be ")
 
 
 def said_elsewhere(error: Mapping[str, Any]) -> bool:
@@ -147,9 +161,7 @@ def said_elsewhere(error: Mapping[str, Any]) -> bool:
     return error["type"] == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"])
 
 
-def schema_problems(
-    path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
-) -> list[ProfileError]:
+def schema_problems(file: TomlFile, error: Mapping[str, Any]) -> list[ProfileError]:
     """Return one finding of pydantic as problems with file, line, key, found and needed."""
     tagged: Key = tuple(error["loc"])
     # the table of a driver stands in the location, but not in the file
@@ -157,7 +169,7 @@ def schema_problems(
     kind = error["type"]
     if kind == CONFLICT:
         found: list[Conflict] = error["ctx"]["conflicts"]
-        return [problem(path, lines, (*key, *c.key), c.what, c.fix) for c in found]
+        return [file.problem((*key, *c.key), c.what, c.fix) for c in found]
     if said_elsewhere(error):
         return []
     fix = f"correct the value of {key_text(key)}"
@@ -168,26 +180,7 @@ def schema_problems(
         fix = f"add '{key[-1]} = ...' to {key_text(key[:-1])}" if key else "fill the profile"
     else:
         what = f"found {_shown(error['input'])}; needed: {_needed(error)} ({_meaning(tagged)})"
-    return [problem(path, lines, key, what, fix)]
-
-
-def file_problem(
-    path: str,
-    lines: Mapping[Key, int],
-    key: Key,
-    error: Mapping[str, Any],
-    *,
-    known: Iterable[str],
-    help_text: str,
-) -> ProfileError:
-    """Return one finding of pydantic in a TOML file that is no profile."""
-    if error["type"] == "missing":
-        return problem(path, lines, key, "missing", f"add {key[-1]} = ... ({help_text})")
-    if error["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(key[-1]), known, n=1)
-        fix = f"did you mean {near[0]!r}?" if near else f"take it out ({help_text})"
-        return problem(path, lines, key, "unknown", fix)
-    return problem(path, lines, key, said(error), f"correct the value ({help_text})")
+    return [file.problem(key, what, fix)]
 
 
 def said(error: Mapping[str, Any]) -> str:
@@ -390,9 +383,8 @@ def _checked(body: dict[str, Any], path: str, text: str = "") -> ProfileData:
     try:
         return ProfileData.model_validate(body)
     except ValidationError as error:
-        lines = key_lines(text)
-        entries = error.errors(include_url=False)
-        found = [one for entry in entries for one in schema_problems(path, lines, entry)]
+        file, entries = TomlFile(path, text), error.errors(include_url=False)
+        found = [one for entry in entries for one in schema_problems(file, entry)]
         raise all_problems(path, found) from error
 
 
@@ -409,9 +401,8 @@ def check_loads(profile: Profile) -> None:
     ProfileError
         With file, line and key of each list of weights that is too heavy.
     """
-    lines = key_lines(profile.text)
-    conflicts = profile.data.load_conflicts()
-    found = [problem(profile.path, lines, c.key, c.what, c.fix) for c in conflicts]
+    file = TomlFile(profile.path, profile.text)
+    found = [file.problem(c.key, c.what, c.fix) for c in profile.data.load_conflicts()]
     if found:
         raise all_problems(profile.path, found)
 

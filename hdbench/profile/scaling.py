@@ -109,12 +109,15 @@ def rescaled(
     return trace.with_columns(torque_nm=trace["torque_v"] * scale.gain_nm_per_v.value), scale
 
 
+def _manifest(run: Path) -> dict[str, Any]:
+    """Return what ``run.json`` of a run, or beside its result, holds; nothing without one."""
+    file = (run if run.is_dir() else run.parent) / "run.json"
+    return read_json(file) if file.is_file() else {}
+
+
 def measured_utc(run: Path) -> str | None:
     """Return when the data of a run were measured."""
-    file = (run if run.is_dir() else run.parent) / "run.json"
-    if not file.is_file():
-        return None
-    manifest = read_json(file)
+    manifest = _manifest(run)
     details = manifest.get("details")
     source = details.get("source") if isinstance(details, dict) else None
     known = source.get("measured_utc") if isinstance(source, dict) else manifest.get("ended_utc")
@@ -126,10 +129,7 @@ def calibration_time(path: Path) -> tuple[str | None, bool]:
     measured = measured_utc(path)
     if measured is not None:
         return measured, True
-    folder = path if path.is_dir() else path.parent
-    if not (folder / "run.json").is_file():
-        return None, False
-    manifest: dict[str, Any] = read_json(folder / "run.json")
+    manifest = _manifest(path)
     found = manifest.get("ended_utc") or manifest.get("started_utc")
     return (found if isinstance(found, str) else None), False
 

@@ -59,8 +59,7 @@ def has_load(motion: Motion) -> str | None:
     """Return why a cause that needs a known load torque does not apply, or None."""
     if motion.load_torque_nm is None:
         return "the record has no load_torque_nm; needed: a known load on the output, N m"
-    known = motion.load_torque_nm[motion.valid & np.isfinite(motion.load_torque_nm)]
-    if len(known) == 0 or not float(np.abs(known).max()) > 0.0:
+    if not largest_size(motion.load_torque_nm, motion) > 0.0:
         return "load_torque_nm is zero throughout; needed: a load on the output, N m"
     return None
 

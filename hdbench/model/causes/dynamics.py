@@ -208,8 +208,7 @@ def _sampled(motion: Motion) -> str | None:
         return None
     return (
         f"one sample per {period:.3g} s; needed: {_SLOWEST_RECORD_S:g} s or less, readings show a "
-        "spring "
-        "that is no straight line as cubic-nonlinearity"
+        "spring that is no straight line as cubic-nonlinearity"
     )
 
 
