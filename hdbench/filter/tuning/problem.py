@@ -1,4 +1,4 @@
-"""Likelihood of a noise model: traces, their motion, parameters and score."""
+"""Likelihood of a noise model: traces, their motion, settings, parameters and score."""
 
 from __future__ import annotations
 
