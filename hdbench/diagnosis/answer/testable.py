@@ -75,13 +75,12 @@ def testable(
     part, points = _stretches(motion, torque)
     told = []
     for cause in causes:
-        reason = cause.applicable(motion)
-        if reason is not None:
-            told.append(Testable(cause.name, False, reason))
-        elif cause.additive:
-            told.append(_additive(cause, motion, part, points, torque))
-        else:
-            told.append(_other(cause, part, points, torque, second))
+        reason, but = cause.applicable(motion) or "", ""
+        if not reason and cause.additive:
+            reason, but = _additive(cause, motion, part, points, torque)
+        elif not reason:
+            reason = _other(cause, part, points, torque, second)
+        told.append(Testable(cause.name, not reason, reason or but))
     return tuple(told)
 
 
@@ -138,12 +137,12 @@ def _shape(
 
 def _additive(
     cause: Cause, motion: Motion, part: Motion, points: int, torque: TorqueChannel
-) -> Testable:
-    """Judge a cause by where its columns have their power."""
+) -> tuple[str, str]:
+    """Return why a cause cannot be shown, or what of it is not seen, by where its power is."""
     bounds = shape_bounds(cause, motion)
     empty = next((name for name, bands in bounds.items() if not bands), None)
     if empty is not None:
-        return Testable(cause.name, False, f"no {empty} of its domain can be seen on this record")
+        return f"no {empty} of its domain can be seen on this record", ""
     looks = []
     for at in _SHAPES if cause.shape else _SHAPES[:1]:
         looks.append(_look(cause.columns(part, _shape(cause, bounds, at)), part, points, torque))
@@ -151,13 +150,11 @@ def _additive(
             break
     seen = [look for look in looks if look.changes]
     if not seen:
-        same = "it is the same all along this record; needed: a change, else it is a zero"
-        return Testable(cause.name, False, same)
+        return "it is the same all along this record; needed: a change, else it is a zero", ""
     hidden = [look for look in seen if look.inside < PASSED]
     if len(hidden) == len(seen):
-        return Testable(cause.name, False, torque.hides(min(one.from_hz for one in hidden)))
-    words = f"{torque.limit}; what stands above is not seen"
-    return Testable(cause.name, True, words if hidden else "")
+        return torque.hides(min(one.from_hz for one in hidden)), ""
+    return "", f"{torque.limit}; what stands above is not seen" if hidden else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,51 +190,39 @@ def _look(columns: FloatArray, part: Motion, points: int, torque: TorqueChannel)
     return _Look(True, float(inside[best]), float(from_hz))
 
 
-def _other(
-    cause: Cause, part: Motion, points: int, torque: TorqueChannel, second: bool
-) -> Testable:
-    """Judge a cause without columns: noise, or a fault of angle, velocity or clock."""
+def _other(cause: Cause, part: Motion, points: int, torque: TorqueChannel, second: bool) -> str:
+    """Return why a cause without columns cannot be shown: noise, or a fault of angle or clock."""
     if cause.change_motion is not None:
-        return _of_motion(cause, part, points, torque, second)
+        return "" if second else _of_motion(cause, part, points, torque)
     # steps that are seen are there at any bandwidth
     stepped = cause.name == "quantisation" and torque.step_nm > 0.0
     share = torque.bandwidth_hz / (0.5 * torque.rate_hz)
     if cause.name in _WHITE and not stepped and not torque.whole and share < PASSED:
-        return Testable(cause.name, False, torque.hides(0.05 * torque.rate_hz))
+        return torque.hides(0.05 * torque.rate_hz)
     if cause.locked_to == "velocity":
         pace = float(np.quantile(np.abs(part.velocity_rad_s[part.valid]), 0.9))
         turns = pace / (2.0 * np.pi * torque.rate_hz)
         if turns > _RIPPLE_TURNS:
-            return Testable(
-                cause.name,
-                False,
+            return (
                 f"the motor turns {turns:.2g} times between two samples; needed: less than "
-                f"{_RIPPLE_TURNS:g}, else ripple looks like noise",
+                f"{_RIPPLE_TURNS:g}, else ripple looks like noise"
             )
-    # noise that is less than a fifth of a step of the readings moves one reading in eighty
-    if cause.locked_to == "velocity" and torque.noise_nm < 0.2 * torque.step_nm:
-        return Testable(
-            cause.name,
-            False,
-            f"torque in steps of {torque.step_nm:.3g} N m with a noise of {torque.noise_nm:.3g} "
-            "N m; needed: steps that show the noise",
-        )
-    return Testable(cause.name, True)
+        # noise that is less than a fifth of a step of the readings moves one reading in eighty
+        if torque.noise_nm < 0.2 * torque.step_nm:
+            return (
+                f"torque in steps of {torque.step_nm:.3g} N m with a noise of "
+                f"{torque.noise_nm:.3g} N m; needed: steps that show the noise"
+            )
+    return ""
 
 
-def _of_motion(
-    cause: Cause, part: Motion, points: int, torque: TorqueChannel, second: bool
-) -> Testable:
-    """Judge a fault of angle, velocity or clock: a second channel or the ripple shows it."""
-    if second:
-        return Testable(cause.name, True)
+def _of_motion(cause: Cause, part: Motion, points: int, torque: TorqueChannel) -> str:
+    """Return why ripple alone cannot show a fault of angle, velocity or clock."""
     alone = "motor angle and velocity are one channel here"
     if "order" in {parameter.name for parameter in cause.shape}:
-        return Testable(cause.name, False, f"{alone}; needed: an angle beside the velocity")
+        return f"{alone}; needed: an angle beside the velocity"
     angle = 2.0 * part.angle_rad
     ripple = _look(np.column_stack((np.cos(angle), np.sin(angle))), part, points, torque)
     if ripple.changes and ripple.inside >= PASSED:
-        return Testable(cause.name, True)
-    return Testable(
-        cause.name, False, f"{alone}; the torque shows no ripple whose phase would jump"
-    )
+        return ""
+    return f"{alone}; the torque shows no ripple whose phase would jump"
