@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +20,18 @@ from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.discovery.together import piece_searches, search_together
-from hdbench.diagnosis.evidence import check_rates
+from hdbench.diagnosis.evidence import Told, check_rates, silent
 from hdbench.diagnosis.faults.channels import inspect_channels
 from hdbench.diagnosis.faults.converter import coarse_steps
 from hdbench.diagnosis.faults.fault import Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults, faults_of_residual
+from hdbench.diagnosis.faults.scatter import same_noise
 from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES
-from hdbench.diagnosis.inspection.channel import same_noise
 from hdbench.model import BenchModel, Cause, catalogue
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 from hdbench.system.memory import memory_kept
-
-Report = Callable[[str, float], None]
-"""Told what is being done and the share done."""
 
 # fewest usable samples for each coefficient of the baseline
 _SAMPLES_PER_COEFFICIENT = 10
@@ -42,8 +39,18 @@ _SAMPLES_PER_COEFFICIENT = 10
 _DITHERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
 
 
-def silent(_what: str, _share: float) -> None:
-    """Tell nobody how far a computation is."""
+class Asked(TypedDict, total=False):
+    """What a diagnosis of dynamic runs can be asked for."""
+
+    # to hold against the record, the profile's where None; its causes are fitted, not reported
+    model: BenchModel | None
+    alpha: float  # probability of any finding on a record without an effect, in (0, 1); .01
+    # smallest share of the baseline's residual variance of a cause that counts, in [0, 1); .01
+    materiality: float
+    seed: int  # of the draws of the null and the bootstrap; 0
+    causes: Sequence[Cause]  # beside the catalogue and the model's own
+    # terms of the baseline to add or remove, as `parse_baseline` reads them
+    baseline: Sequence[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +62,9 @@ class Task:
     causes: dict[str, Cause]
     alpha: float
     materiality: float
+    seed: int
     change: BaselineChange
     settings: dict[str, object]  # as the result states them
-
-    @property
-    def least_share(self) -> float:
-        """Share of the variance of the smallest causes: a tenth of the materiality line."""
-        return 0.1 * self.materiality
 
     def known(self) -> tuple[Term, ...]:
         """Return the causes that the model already holds, as terms of the fit."""
@@ -79,16 +82,7 @@ class Task:
 
 @memory_kept()
 def diagnose_trace(
-    trace: Trace,
-    profile: Profile,
-    *,
-    model: BenchModel | None = None,
-    alpha: float = 0.01,
-    materiality: float = 0.01,
-    seed: int = 0,
-    progress: Callable[[str, float], None] | None = None,
-    causes: tuple[Cause, ...] = (),
-    baseline: tuple[str, ...] = (),
+    trace: Trace, profile: Profile, *, progress: Told = silent, **asked: Unpack[Asked]
 ) -> Diagnosis:
     """Say what the simulation gets wrong on a dynamic run, and why.
 
@@ -98,21 +92,10 @@ def diagnose_trace(
         Channels of a run: torque and motion.
     profile : Profile
         Bench.
-    model : BenchModel or None
-        Model to hold against the record; the profile's where None. Its causes are fitted, not
-        reported.
-    alpha : float
-        Probability of any finding on a record without an effect, in (0, 1).
-    materiality : float
-        Smallest share of the baseline's residual variance of a cause that counts, in [0, 1).
-    seed : int
-        Seed of the draws of the null and the bootstrap.
-    progress : callable or None
+    progress : callable
         Called with what is being done and the share done in [0, 1], which never falls.
-    causes : tuple of Cause
-        Causes beside the catalogue and the model's own.
-    baseline : tuple of str
-        Terms of the baseline to add or remove, as `parse_baseline` reads them.
+    **asked : Asked
+        Model, rates, seed, further causes and the baseline.
 
     Returns
     -------
@@ -129,29 +112,28 @@ def diagnose_trace(
     -----
     ``docs/diagnosis.md`` has the model. Two times the same input give the same result.
     """
-    task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
-    report = progress or silent
-    report("inspecting the channels", 0.0)
+    task = make_task(profile, **asked)
+    progress("inspecting the channels", 0.0)
     ready = make_ready(task, trace)
-    if isinstance(ready, Refused):
-        flags, given = ready.inspected.flags, task.given
-        return data_bad(given, given.terms(), flags, task.settings, ready.reason)
-    rng = np.random.default_rng(seed)
-    found, (late,) = searched(task, [ready], rng, report)
-    report("measuring the gain on held-out blocks", 0.9)
+    if isinstance(ready, Inspected):
+        given = task.given
+        return data_bad(given, given.terms(), ready.flags, task.settings, ready.reason)
+    rng = np.random.default_rng(task.seed)
+    found, (late,) = searched(task, [ready], rng, progress)
+    progress("measuring the gain on held-out blocks", 0.9)
     answer = assemble(findings_of(task, ready, found, late), task.settings, rng)
-    report("done", 1.0)
+    progress("done", 1.0)
     return answer
 
 
 def make_task(
     profile: Profile,
-    model: BenchModel | None,
-    causes: tuple[Cause, ...],
-    alpha: float,
-    materiality: float,
-    seed: int,
-    baseline: tuple[str, ...],
+    model: BenchModel | None = None,
+    alpha: float = 0.01,
+    materiality: float = 0.01,
+    seed: int = 0,
+    causes: Sequence[Cause] = (),
+    baseline: Sequence[str] = (),
 ) -> Task:
     """Return what is asked; ValueError where a rate is out of its domain."""
     check_rates(alpha, materiality)
@@ -160,7 +142,8 @@ def make_task(
     settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
     if baseline:
         settings["baseline"] = list(baseline)
-    return Task(profile, given, every, alpha, materiality, parse_baseline(baseline), settings)
+    change = parse_baseline(baseline)
+    return Task(profile, given, every, alpha, materiality, seed, change, settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,24 +155,16 @@ class Ready:
     spikes: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """A record of which nothing can be said, and why."""
-
-    inspected: Inspected
-    reason: str
-
-
-def make_ready(task: Task, trace: Trace) -> Ready | Refused:
-    """Return a trace as a record that can be searched, or why it cannot be."""
+def make_ready(task: Task, trace: Trace) -> Ready | Inspected:
+    """Return a trace as a record that can be searched, or its channels with why it cannot be."""
     inspected = inspect_channels(trace, task.profile.data, task.given, alpha=task.alpha)
     inspected = _without_own_current(inspected, task.profile)
     if inspected.reason:
-        return Refused(inspected, inspected.reason)
+        return inspected
     record = _read(task, inspected)
     reason = _unfit(record)
     if reason:
-        return Refused(inspected, reason)
+        return replace(inspected, reason=reason)
     return Ready(inspected, *_cleaned(task, inspected, record))
 
 
@@ -255,16 +230,17 @@ def _unfit(record: Record) -> str:
 
 
 def searched(
-    task: Task, ready: Sequence[Ready], rng: np.random.Generator, report: Report
+    task: Task, ready: Sequence[Ready], rng: np.random.Generator, report: Told
 ) -> tuple[Search, list[ResidualFaults]]:
     """Return what a search of records finds, once more where spikes only show in its residual.
 
     And the faults that the residual of each record shows, spikes before the search among them.
     """
 
-    def find(records: list[Record], told: Report) -> tuple[Search, list[ResidualFaults]]:
-        asked: dict[str, Any] = {"alpha": task.alpha, "rng": rng, "progress": told}
-        asked["least_share"] = task.least_share
+    def find(records: list[Record], told: Told) -> tuple[Search, list[ResidualFaults]]:
+        # the smallest causes have a tenth of the materiality line
+        asked: dict[str, Any] = {"alpha": task.alpha, "least_share": 0.1 * task.materiality}
+        asked |= {"rng": rng, "progress": told}
         if len(records) > 1:
             both = search_together(records, task.causes, task.known(), **asked)
             fits = [piece.fit for piece, _ in piece_searches(both)]

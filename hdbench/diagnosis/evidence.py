@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from hdbench.records.trace import FloatArray
 
+# told what is being done and the share done
+Told = Callable[[str, float], None]
 # contract: names within this many nats of the best are rivals, a Bayes factor of 20
 RIVAL_NATS = 3.0
 # contract: sine squared of the largest angle below which names span the same space
@@ -22,6 +24,10 @@ GAP = 1.5
 PASSED = 0.1
 # of columns of length 1, what is below this share of the largest is rounding
 RANK = 1e-9
+
+
+def silent(_what: str, _share: float) -> None:
+    """Tell nobody how far a computation is."""
 
 
 def check_rates(alpha: float, materiality: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from hdbench.diagnosis.answer.filter_gain import filter_gain
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.answer.tables import code_map, write_pictures, write_table
 from hdbench.diagnosis.dynamic import diagnose_trace
+from hdbench.diagnosis.evidence import Told, silent
 from hdbench.diagnosis.inspection import inspect_trace
 from hdbench.diagnosis.planning import plan_for_causes, write_plan
 from hdbench.diagnosis.static import diagnose_loads
@@ -103,7 +104,7 @@ def diagnose_run(
     *,
     out: Path,
     options: DiagnosisOptions | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Told = silent,
 ) -> tuple[Path, Diagnosis]:
     """Diagnose a stored trace, loads file or run, and store the diagnosis.
 
@@ -117,7 +118,7 @@ def diagnose_run(
         Parent folder of run folders.
     options : DiagnosisOptions or None
         Settings; the defaults where None.
-    progress : callable or None
+    progress : callable
         Called with what is being done and the share done.
 
     Returns
@@ -150,7 +151,7 @@ def diagnose_runs_together(
     *,
     out: Path,
     options: DiagnosisOptions | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Told = silent,
 ) -> tuple[Path, Diagnosis]:
     """Diagnose several dynamic runs of one drive at once, and store one diagnosis.
 
@@ -257,9 +258,7 @@ def _stored(
     return folder.path, result
 
 
-def _asked(
-    options: DiagnosisOptions, profile: Profile, progress: Callable[[str, float], None] | None
-) -> dict[str, Any]:
+def _asked(options: DiagnosisOptions, profile: Profile, progress: Told) -> dict[str, Any]:
     """Return what every kind of diagnosis is asked for."""
     # the profile's own model where no other and no causes of the user's own are given
     model = load_model(options.model_file) if options.model_file else None

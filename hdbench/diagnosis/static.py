@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from hdbench.diagnosis.answer.result import Diagnosis, data_bad
-from hdbench.diagnosis.evidence import LEAST_DOF, check_rates
+from hdbench.diagnosis.evidence import LEAST_DOF, Told, check_rates, silent
 from hdbench.diagnosis.loads.answer import LoadAnswer
 from hdbench.diagnosis.loads.fit import fit_loads
 from hdbench.diagnosis.loads.forms import Term, form_named, load_forms, outliers, places
@@ -33,7 +31,7 @@ def diagnose_loads(
     alpha: float = 0.01,
     materiality: float = 0.01,
     seed: int = 0,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Told = silent,
 ) -> Diagnosis:
     """Say what one gain and one zero per experiment get wrong on a calibration, and why.
 
@@ -63,10 +61,10 @@ def diagnose_loads(
             where=loads.source,
             fix="average the samples of each load to one reading",
         )
-    report, rng = progress or (lambda _what, _share: None), np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     given = model or BenchModel.from_profile(profile.data)
     settings = {"alpha": alpha, "materiality": materiality, "seed": seed}
-    report("inspecting the readings", 0.02)
+    progress("inspecting the readings", 0.02)
     table, flags = load_table(loads, profile.data)
     reason = _unfit(table)
     if reason:
@@ -76,24 +74,24 @@ def diagnose_loads(
     base = base_columns(table)
     baseline = fit_loads(table, base, known, refine=False)
     names = load_forms(table, given.extra_causes)
-    report("looking for causes", 0.1)
+    progress("looking for causes", 0.1)
     search = Search((*names, outliers(table)), for_names, len(known), rng)
     fit, chances, looks = search.run(fit_loads(table, base, known))
     scatter = find_scatter(fit, profile.data.sensor.gain_consistency)
     if scatter is not None:
-        report("looking for causes beside gains that scatter", 0.4)
+        progress("looking for causes beside gains that scatter", 0.4)
         base = base_columns(table, scatter.groups)
         fit, chances, looks = search.run(fit_loads(table, base, known))
     accepted = search.accepted(fit, chances)
     if scatter is not None:
         fit, scatter, between = name_between(fit, names, scatter, for_names)
         accepted += between
-    report("looking for what has no name", 0.7)
+    progress("looking for what has no name", 0.7)
     rest = Search(places(table), for_places, len(fit.terms), rng)
     with_places, chances, _ = rest.run(fit)
     left = rest.accepted(with_places, chances)
     uneven = uneven_scatter(with_places, baseline, for_scatter, rng)
-    report("measuring the gain on held-out readings", 0.9)
+    progress("measuring the gain on held-out readings", 0.9)
     return LoadAnswer(
         profile.data, given, baseline, fit, with_places, accepted, left, scatter, uneven, looks,
         flags, rng,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Unpack
 
 import numpy as np
 
@@ -12,18 +13,17 @@ from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdi
 from hdbench.diagnosis.discovery.together import Together, piece_searches, tell_together
 from hdbench.diagnosis.discovery.told import minimum_detectable, spectra
 from hdbench.diagnosis.dynamic import (
+    Asked,
     Ready,
-    Refused,
-    Report,
     Task,
     findings_of,
     make_ready,
     make_task,
     searched,
-    silent,
 )
+from hdbench.diagnosis.evidence import Told, silent
+from hdbench.diagnosis.faults.fault import Inspected
 from hdbench.errors import DataError
-from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile
 from hdbench.records import Trace
 from hdbench.results.diagnosis import (
@@ -43,13 +43,8 @@ def diagnose_together(
     names: Sequence[str],
     profile: Profile,
     *,
-    model: BenchModel | None = None,
-    alpha: float = 0.01,
-    materiality: float = 0.01,
-    seed: int = 0,
-    progress: Report | None = None,
-    causes: tuple[Cause, ...] = (),
-    baseline: tuple[str, ...] = (),
+    progress: Told = silent,
+    **asked: Unpack[Asked],
 ) -> Diagnosis:
     """Say what the simulation gets wrong on several records of one drive, and which record says so.
 
@@ -58,25 +53,23 @@ def diagnose_together(
     cause run through all, so that its evidence adds. What differs in the extended model is that of
     the first record. `DataError` where fewer than two records can be used.
     """
-    task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
-    report = progress or silent
+    task = make_task(profile, **asked)
     every = []
     for number, (name, trace) in enumerate(zip(names, traces, strict=True)):
-        report(f"inspecting {name}", 0.1 * number / len(traces))
+        progress(f"inspecting {name}", 0.1 * number / len(traces))
         every.append(_Named(name, trace, make_ready(task, trace)))
     used = [(one, one.ready) for one in every if isinstance(one.ready, Ready)]
     if len(used) < 2:
-        refused = [(one.name, one.ready) for one in every]
-        reasons = "; ".join(f"{name}: {r.reason}" for name, r in refused if isinstance(r, Refused))
+        reasons = "; ".join(f"{one.name}: {one.reason}" for one in every if one.reason)
         raise DataError(
             f"{len(used)} of {len(every)} records can be used together; needed: 2 or more",
             where=reasons or names[0],
             fix="leave out --together to diagnose each record alone",
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(task.seed)
     names = [one.name for one, _ in used]
-    search, late = searched(task, [ready for _, ready in used], rng, report)
-    report("measuring the gain on held-out blocks", 0.9)
+    search, late = searched(task, [ready for _, ready in used], rng, progress)
+    progress("measuring the gain on held-out blocks", 0.9)
     findings = [
         findings_of(task, ready, piece, faults)
         for (_, ready), (piece, _), faults in zip(used, piece_searches(search), late, strict=True)
@@ -89,7 +82,7 @@ def diagnose_together(
         for one, (piece, own) in zip(findings, told.records, strict=True)
     ]
     answer = _joined(task, told, every, dict(zip(names, answers, strict=True)))
-    report("done", 1.0)
+    progress("done", 1.0)
     return answer
 
 
@@ -99,7 +92,12 @@ class _Named:
 
     name: str
     trace: Trace
-    ready: Ready | Refused
+    ready: Ready | Inspected
+
+    @property
+    def reason(self) -> str | None:
+        """Why it was refused; None for a record that takes part."""
+        return self.ready.reason if isinstance(self.ready, Inspected) else None
 
 
 # --- one answer of all
@@ -137,8 +135,9 @@ def _joined(
 def _part(one: _Named, answer: Diagnosis | None, told: Together) -> RecordPart:
     rate = 1.0 / float(np.median(np.diff(one.trace.time_s)))
     if answer is None or answer.rest is None:
-        reason = one.ready.reason if isinstance(one.ready, Refused) else None
-        return RecordPart(record=one.name, left_out=reason, samples=0, rate_hz=rate, settings={})
+        return RecordPart(
+            record=one.name, left_out=one.reason, samples=0, rate_hz=rate, settings={}
+        )
     apart = [c.name for c in told.causes for v in c.voices if v.record == one.name and v.disagrees]
     settings = answer.settings
     return RecordPart(
@@ -159,7 +158,7 @@ def _flags(one: _Named, answer: Diagnosis | None) -> list[StretchFlag]:
         return [replace(flag, record=one.name) for flag in answer.data_flags] if answer else []
     ends = float(one.trace.time_s[0]), float(one.trace.time_s[-1])
     whole = StretchFlag("record-left-out", *ends, len(one.trace), one.ready.reason, one.name)
-    return [whole, *(replace(flag, record=one.name) for flag in one.ready.inspected.flags)]
+    return [whole, *(replace(flag, record=one.name) for flag in one.ready.flags)]
 
 
 def _left_out(every: Sequence[_Named], answers: dict[str, Diagnosis]) -> tuple[LeftOutSamples, ...]:

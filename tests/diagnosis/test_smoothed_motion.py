@@ -51,12 +51,12 @@ def test_a_smoothed_velocity_brings_no_name_but_friction(cutoff_hz):
 
 def test_where_a_smoothed_velocity_parts_from_the_angle_nothing_slips():
     # seven ramps end faster than a zero-phase filter at 25 Hz follows
-    ready = make_ready(make_task(PROFILE, None, (), 0.01, 0.01, 0, ()), reversing_log(25.0))
+    ready = make_ready(make_task(PROFILE), reversing_log(25.0))
     assert ready.inspected.faults == ()
 
 
 def test_a_velocity_with_noise_to_the_end_limits_nothing():
-    task = make_task(PROFILE, None, (), 0.01, 0.01, 0, ())
+    task = make_task(PROFILE)
     assert make_ready(task, reversing_log(None, n=6000)).record.motion_passed == 1.0
 
 

@@ -61,10 +61,15 @@ def filter_gain(
         return None
     model = replace(base, name=f"{base.name}-extended", blocks=(*base.blocks, *blocks))
     try:
-        left = [_filtered(trace, m, profile) for m in (base, model)]
+        filtered = (filter_trace(trace, one, profile.data) for one in (base, model))
+        left = [np.asarray(one.torque_filtered_nm) for one in filtered]
     except DataError:
         return None
-    target = _target(motion, found)
+    # what a filter should leave: the extended model without lines
+    lines = (*_OF_TURNS, *_RIPPLE_NAMES)
+    causes = tuple(term for term in found.model.causes if term.name not in lines)
+    bare = replace(found.model, ripple=(), misalignment=(0.0, 0.0), causes=causes)
+    target = bare.torque_nm(motion)
     time = trace.time_s
     # the filter settles within a fifth of the record, and within 5 s
     start = float(time[0]) + min(5.0, 0.2 * float(time[-1] - time[0]))
@@ -89,24 +94,6 @@ def filter_gain(
         error_rms_nm=BeforeAfter(*(float(np.sqrt(np.mean(error**2))) for error in errors)),
         blocks=tuple(gained),
     )
-
-
-def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> FloatArray:
-    """Return the filtered torque, N m."""
-    block = filter_trace(
-        trace,
-        model,
-        profile.data,
-    )
-    return np.asarray(block.torque_filtered_nm)
-
-
-def _target(motion: Motion, found: Diagnosis) -> FloatArray:
-    """Return what a filter should leave: the extended model without lines, N m."""
-    model = found.model
-    causes = tuple(term for term in model.causes if term.name not in (*_OF_TURNS, *_RIPPLE_NAMES))
-    bare = replace(model, ripple=(), misalignment=(0.0, 0.0), causes=causes)
-    return bare.torque_nm(motion)
 
 
 def _amplitude(values: FloatArray, phase: FloatArray) -> float:

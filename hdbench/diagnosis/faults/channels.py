@@ -14,7 +14,6 @@ from hdbench.diagnosis.faults.scatter import bridged, find_outliers, smallest_st
 from hdbench.diagnosis.faults.shaft import (
     ANGLES,
     VELOCITIES,
-    angle_of,
     derivation,
     has_own_noise,
     shaft_of,
@@ -32,6 +31,7 @@ from hdbench.diagnosis.faults.units import check_channels, expected_nm
 from hdbench.model import BenchModel, baseline_orders
 from hdbench.model.localfit import filled
 from hdbench.model.motion import TORQUES, torque_from_trace
+from hdbench.profile.scaling import angle_channel
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.diagnosis import StretchFlag
@@ -58,13 +58,12 @@ def inspect_channels(
     trace, glitches = _without_glitches(without_faults(trace, profile, known), profile)
     clipped, saturation = clipping(trace, profile, torque)
     stuck = stuck_samples(torque) & ~clipped
-    missing = ~np.isfinite(torque)
-    stale = repeated_rows(trace, angle_of(trace, profile))
+    angle = angle_channel(trace, profile)
+    stale = repeated_rows(trace, angle)
     held = (stale | held_samples(torque, 0.0, CHANCE)) & ~(clipped | stuck)
     known_so_far = clipped | stuck | held
     still = standing(trace, profile, np.where(known_so_far, np.nan, torque)) & ~known_so_far
     masked = known_so_far | still
-    angle = angle_of(trace, profile)
     # what stands in for a held row lies between the counts of the angle
     count_rad = 0.0 if angle is None else smallest_step(np.diff(angle))
     # a row that was held says nothing of the motion, either
@@ -75,25 +74,16 @@ def inspect_channels(
     if any(one.false_alarm_probability >= alpha for one in moving):
         moving, repaired = (), trace
     faults = (*lost, *saturation, *moving)
+    of_held = "torque that repeats the reading before; left out"
     flags = (
         *checked.flags,
         *flag_runs("stuck-value", trace.time_s, stuck),
         *glitches,
-        *flag_samples(
-            "missed-samples",
-            trace.time_s,
-            held,
-            "torque that repeats the reading before; left out",
-        ),
+        *flag_samples("missed-samples", trace.time_s, held, of_held),
         *(fault.flag() for fault in faults),
     )
-    reasons = {
-        "no value": missing,
-        "clipped": clipped,
-        "stuck": stuck,
-        "held": held,
-        "standstill": still,
-    }
+    reasons = {"no value": ~np.isfinite(torque), "clipped": clipped, "stuck": stuck}
+    reasons |= {"held": held, "standstill": still}
     return Inspected(
         repaired,
         masked,
@@ -146,7 +136,7 @@ def _finite(trace: Trace) -> Trace:
 
 def _at_rest(trace: Trace, profile: ProfileData) -> str:
     """Return why a record without any motion says nothing, or nothing."""
-    parts = (angle_of(trace, profile), velocity_of(trace, profile))
+    parts = (angle_channel(trace, profile), velocity_of(trace, profile))
     known = [part[np.isfinite(part)] for part in parts if part is not None]
     if not known or any(len(part) and float(np.ptp(part)) > 0.0 for part in known):
         return ""
@@ -156,7 +146,7 @@ def _at_rest(trace: Trace, profile: ProfileData) -> str:
 def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[StretchFlag, ...]]:
     """Return the trace without isolated wrong samples of velocity and angle, and their flags."""
     flags: tuple[StretchFlag, ...] = ()
-    velocity, angle = velocity_of(trace, profile), angle_of(trace, profile)
+    velocity, angle = velocity_of(trace, profile), angle_channel(trace, profile)
     courses = []
     if velocity is not None:
         # rounding makes one or two of the channel's smallest steps

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,20 +51,14 @@ class Inspected:
 
 
 def fault_over(
-    name: str,
-    parameters: dict[str, ParameterValue],
-    times_s: FloatArray,
-    nats: float,
-    *,
-    shape: Mapping[str, float] | None = None,
-    masked: NDArray[np.bool_] | None = None,
-    domain: str = "time",
+    name: str, parameters: dict[str, ParameterValue], times_s: FloatArray, nats: float, **more: Any
 ) -> Fault:
     """Return a fault of the samples at some times; its chance is that of its evidence by Bayes."""
     # evidence that is paid for is the log of a Bayes factor: chance reaches it no more often
     chance = float(np.exp(-max(nats, 0.0)))
-    span = (len(times_s), float(times_s[0]), float(times_s[-1]))
-    return Fault(name, parameters, *span, nats, chance, shape or {}, masked=masked, domain=domain)
+    span = {"samples": len(times_s), "from_s": float(times_s[0]), "to_s": float(times_s[-1])}
+    told = {**span, "evidence_nats": nats, "false_alarm_probability": chance, **more}
+    return Fault(name, parameters, **told)
 
 
 def flag_samples(

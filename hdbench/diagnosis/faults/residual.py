@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +67,8 @@ def faults_of_residual(
     # readings of a coarse converter are rough where they cross levels fast
     if whitened_residual is None or coarse is not None:
         return ResidualFaults(tuple(faults), spikes)
-    rough = _speed_noise(residual_nm, whitened_residual, kept, motion)
-    if rough is None:
-        return ResidualFaults(tuple(faults), spikes)
-    fault, variance = rough
-    if fault is not None:
-        faults.append(fault)
+    fault, variance = _speed_noise(residual_nm, whitened_residual, kept, motion)
+    faults += [] if fault is None else [fault]
     return ResidualFaults(tuple(faults), spikes, variance)
 
 
@@ -112,15 +108,16 @@ def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray
 
 def _speed_noise(
     residual_nm: FloatArray, whitened: FloatArray, used: NDArray[np.bool_], motion: Motion
-) -> tuple[Fault | None, FloatArray] | None:
+) -> tuple[Fault | None, FloatArray | None]:
     """Return noise that grows with the speed, by greatest likelihood, and its variance.
 
-    No fault where the noise changes with the speed by another law, as in motion and at rest.
+    No fault where the noise changes with the speed by another law, as in motion and at rest; no
+    variance either where it does not change.
     """
     left, rows = _innovations(whitened, used & np.isfinite(motion.velocity_rad_s))
     speed = motion.velocity_rad_s**2
     if len(rows) < 500 or not float(np.ptp(speed[rows])) > 0.0:
-        return None
+        return None, None
     # the bulk of cells of equal counts over the speed decides: held samples and other outliers are
     # none of the noise; it ends at 3.7 times the median size, 2.5 deviations of normal noise
     cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], _CELLS)
@@ -150,7 +147,7 @@ def _speed_noise(
     chance, nats = float(ndtr(-np.sqrt(2.0 * max(gain, 0.0)))), paid_nats(gain, 1, len(bulk))
     over_time, over_speed = (paid_nats(one, _BLOCKS - 1, len(bulk)) for one in free)
     if max(nats, over_speed) < max(ACCEPT_NATS, over_time):
-        return None
+        return None, None
     speed = np.where(np.isfinite(speed), speed, 0.0)
     if over_speed > nats:
         return None, np.interp(speed, [float(speed[part].mean()) for part in by_speed], blocks[1])
@@ -165,11 +162,10 @@ def _speed_noise(
         "noise_at_rest_nm": ParameterValue(float(np.sqrt(still * power)), None, "N m"),
     }
     times, shape = motion.time_s[used], {"noise_nm": size}
-    fault = fault_over(
-        "speed-dependent-noise", parameters, times, nats, shape=shape, domain="variance"
-    )
+    share = slope * float(np.mean(speed[used]))
     # it is looked for in one place only: the test of its slope says how sure it is
-    fault = replace(
-        fault, false_alarm_probability=chance, share=slope * float(np.mean(speed[used]))
-    )
+    fault = fault_over(
+        "speed-dependent-noise", parameters, times, nats, false_alarm_probability=chance,
+        shape=shape, domain="variance", share=share,
+    )  # fmt: skip
     return fault, still + slope * speed

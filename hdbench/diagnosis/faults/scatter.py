@@ -14,6 +14,8 @@ ACCEPT_NATS = 8.0
 CERTAIN_NATS = 700.0
 # a loud stretch is judged by itself: samples over which a scatter is taken
 AROUND = 400
+# samples of the running mean that takes the motion out: what is left is the channels' own
+FAST = 5
 # this many equal samples in a row do not come from a channel with noise
 STUCK = 20
 
@@ -129,3 +131,16 @@ def _local_std(values: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
     # values they lie beyond 2.58 standard deviations
     tail = float(np.quantile(np.abs(values[at]), 0.99)) / 2.58
     return np.asarray(np.maximum(local, max(tail, 1e-300)))
+
+
+def same_noise(one: FloatArray, other: FloatArray) -> bool:
+    """Return whether two channels are one, times a factor: they share their noise too."""
+    good = np.isfinite(one) & np.isfinite(other)
+    # fewer samples than a shortest segment tell nothing
+    if int(good.sum()) < 64:
+        return False
+    parts = [v[good] - uniform_filter1d(v[good], FAST) for v in (one, other)]
+    sizes = [float(part @ part) for part in parts]
+    if not min(sizes) > 0.0:
+        return False
+    return bool(1.0 - float(parts[0] @ parts[1]) ** 2 / (sizes[0] * sizes[1]) < 1e-3)

@@ -16,6 +16,7 @@ from scipy.ndimage import (
 )
 
 from hdbench.diagnosis.faults.scatter import (
+    FAST,
     bridged,
     least_squares,
     mask_runs,
@@ -24,13 +25,12 @@ from hdbench.diagnosis.faults.scatter import (
 )
 from hdbench.diagnosis.faults.stamps import gap_steps
 from hdbench.model import integrate_velocity
+from hdbench.profile.scaling import angle_channel, velocity_channel
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
 ANGLES = ("motor_angle_rad", "encoder_count")
 VELOCITIES = ("motor_velocity_rad_s", "tacho_v")
-# samples of the running mean that takes the motion out: what is left is the channels' own
-FAST = 5
 # a shaft stands, or creeps until it breaks away, where it moves over so many samples by less than
 # this share of what it usually does: no law of the speed holds there
 _STILL, _STILL_SHARE = 20, 5e-3
@@ -73,22 +73,12 @@ class Shaft:
 
 def velocity_of(trace: Trace, profile: ProfileData) -> FloatArray | None:
     """Return the measured motor velocity, rad/s; None where there is none."""
-    if "motor_velocity_rad_s" in trace:
-        return trace["motor_velocity_rad_s"]
-    return trace["tacho_v"] * profile.tacho.gain_rad_s_per_v if "tacho_v" in trace else None
-
-
-def angle_of(trace: Trace, profile: ProfileData) -> FloatArray | None:
-    """Return the measured motor angle, rad; None where there is none."""
-    if "motor_angle_rad" in trace:
-        return trace["motor_angle_rad"]
-    count = 2.0 * np.pi / profile.encoder.counts_per_turn
-    return trace["encoder_count"] * count if "encoder_count" in trace else None
+    return velocity_channel(trace, profile) if any(n in trace for n in VELOCITIES) else None
 
 
 def shaft_of(trace: Trace, profile: ProfileData) -> Shaft | None:
     """Return angle and velocity side by side; None where one is missing."""
-    angle, velocity = angle_of(trace, profile), velocity_of(trace, profile)
+    angle, velocity = angle_channel(trace, profile), velocity_of(trace, profile)
     if angle is None or velocity is None:
         return None
     moves, steps = np.diff(angle), np.diff(trace.time_s)
@@ -119,7 +109,7 @@ def without_faults(
 ) -> Trace:
     """Return the trace without faults, each a name of the catalogue and its shape."""
     timed = []
-    angle = angle_of(trace, profile)
+    angle = angle_channel(trace, profile)
     for name, shape in faults:
         if name == "tacho-ripple" and angle is not None:
             turned = shape["order"] * np.nan_to_num(angle)
@@ -145,7 +135,7 @@ def standing(trace: Trace, profile: ProfileData, torque_nm: FloatArray) -> NDArr
     Dry friction holds any torque there, up to the one at which the shaft breaks away. Where the
     load is known, so is the torque at rest.
     """
-    angle = angle_of(trace, profile)
+    angle = angle_channel(trace, profile)
     if angle is None:
         velocity = velocity_of(trace, profile)
         angle = None if velocity is None else integrate_velocity(trace.time_s, velocity)[0]

@@ -10,10 +10,9 @@ from importlib import resources
 import numpy as np
 
 from hdbench.diagnosis.faults.converter import CHANCE, piled_up, step_of, stuck_samples
-from hdbench.diagnosis.faults.scatter import mask_runs
+from hdbench.diagnosis.faults.scatter import mask_runs, same_noise
 from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES, Shaft, derivation, shaft_of
 from hdbench.diagnosis.faults.stamps import gap_steps, gaps_of, held_samples
-from hdbench.diagnosis.inspection.channel import same_noise, same_to_the_end
 from hdbench.diagnosis.inspection.log import Log
 from hdbench.diagnosis.inspection.result import (
     ChannelFacts,
@@ -24,7 +23,7 @@ from hdbench.diagnosis.inspection.result import (
     Sampling,
 )
 from hdbench.estimation.bandwidth import Spectrum, spectrum_of
-from hdbench.estimation.delay import delay_of
+from hdbench.estimation.delay import delay_of, side_by_side
 from hdbench.importing.convert import unlike_pace
 from hdbench.importing.units import unit_scale
 from hdbench.model.motion import TORQUES
@@ -226,7 +225,7 @@ def _derived(
         angle = spectrum_of(np.where(shaft.good, shaft.moves_rad, np.nan), rate, 0.0)
         # an angle without noise lends none: it shows nothing of where the velocity is from
         noisy = angle is not None and angle.limit_hz is None
-        if noisy and same_to_the_end(_pace(shaft), shaft.velocity_rad_s, rate, limit):
+        if noisy and _same_to_the_end(_pace(shaft), shaft.velocity_rad_s, rate, limit):
             yield log.roles[pair[0]], log.roles[pair[1]]
     torque = next((log.roles[n] for n in TORQUES if n in log.roles), None)
     current = log.roles.get("motor_current_a")
@@ -234,6 +233,25 @@ def _derived(
         return
     if same_noise(log.channels[torque], log.channels[current]):
         yield torque, current
+
+
+def _same_to_the_end(
+    one: FloatArray, other: FloatArray, rate_hz: float, limit_hz: float | None
+) -> bool:
+    """Return whether two channels agree up to the end of their band, where motion has none."""
+    from scipy.signal import coherence  # half a second of every start
+
+    both = side_by_side(one, other)
+    if both is None:
+        return False
+    a, b, size = both
+    # side lobes 220 dB down: a strong slow part must not hide an empty floor behind them
+    frequency, shared = coherence(a, b, rate_hz, ("kaiser", 30), nperseg=size)
+    place = frequency / (limit_hz or 0.5 * rate_hz)
+    end = shared[(place > 0.5) & (place < 0.9)]
+    # two sensors share the motion and no noise: of K segments their coherence exceeds 1/2 by chance
+    # with 2^(1 - K) at each frequency; here the median of many has to
+    return bool(len(end) and float(np.median(end)) > 0.5)
 
 
 def _pace(shaft: Shaft) -> FloatArray:

@@ -72,10 +72,9 @@ class Log:
                 return kind
         return ""
 
-    def role(self, *names: str) -> FloatArray | None:
-        """Return the channel that plays the first of these parts that is there."""
-        name = next((self.roles[n] for n in names if n in self.roles), None)
-        return None if name is None else self.channels[name]
+    def role(self, name: str) -> FloatArray | None:
+        """Return the channel that plays a part; None where none does."""
+        return self.channels[self.roles[name]] if name in self.roles else None
 
 
 def _with_origin(log: Log, path: Path) -> Log:

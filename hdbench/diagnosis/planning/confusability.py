@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.evidence import RANK, SAME_SPACE, chi2_level
+from hdbench.diagnosis.evidence import RANK, SAME_SPACE, Told, chi2_level, silent
 from hdbench.diagnosis.planning.frame import ROWS, Frame, Noise, make_frame
 from hdbench.diagnosis.planning.signatures import (
     Effect,
@@ -25,18 +25,12 @@ from hdbench.model import Cause, Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-Told = Callable[[str, float], None]
-
 # the literature's line between what is told apart and what is not, by share of the effect
 CONFUSABLE = 0.25
 # one name contains another where this little of it is left: the rounding of projections
 _CONTAINED = 1e-6
 # why an effect is not seen that the baseline holds already
 HELD = "the baseline imitates it"
-
-
-def silent(_what: str, _share: float) -> None:
-    """Tell nobody how far a computation is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,15 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hdbench.diagnosis.evidence import Told, silent
 from hdbench.diagnosis.planning.blocks import blocks, joined
 from hdbench.diagnosis.planning.confusability import (
     CONFUSABLE,
     HELD,
     Confusability,
     Grams,
-    Told,
     compare,
-    silent,
     unfit,
 )
 from hdbench.diagnosis.planning.frame import Noise, make_frame

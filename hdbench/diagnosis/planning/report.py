@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from hdbench.diagnosis.evidence import Told
 from hdbench.diagnosis.planning.blocks import blocks, full_blocks, full_protocol
-from hdbench.diagnosis.planning.confusability import CONFUSABLE, Confusability, Told, compare
+from hdbench.diagnosis.planning.confusability import CONFUSABLE, Confusability, compare
 from hdbench.diagnosis.planning.frame import Noise
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.diagnosis.planning.proposal import (
