@@ -170,14 +170,13 @@ def make_ready(task: Task, trace: Trace) -> Ready | Inspected:
 
 def findings_of(task: Task, ready: Ready, found: Search, late: ResidualFaults) -> Findings:
     """Return everything from which the answer on a record is put together."""
-    inspected = ready.inspected
-    undone = {
-        fault.name: _residual_of(
-            task, replace(inspected, trace=fault.undone), ready.record.low_pass
-        )
-        for fault in inspected.faults
-        if fault.undone is not None
-    }
+    inspected, undone = ready.inspected, {}
+    for fault in inspected.faults:
+        if fault.undone is not None:
+            read = _read(task, replace(inspected, trace=fault.undone))
+            fit = start_fit(_prepared(task, read, ready.record.low_pass), task.known())
+            left = residual_nm(fit)[fit.record.valid]
+            undone[fault.name] = float(np.sqrt(np.mean(left**2)))
     return Findings(found, task.given, inspected, late, undone, task.materiality, task.causes)
 
 
@@ -245,13 +244,13 @@ def searched(
             both = search_together(records, task.causes, task.known(), **asked)
             fits = [piece.fit for piece, _ in piece_searches(both)]
             pairs = zip(ready, fits, strict=True)
-            return both, [_faults(task, one, fit, white=True) for one, fit in pairs]
+            return both, [_faults(task, one.inspected, fit, white=True) for one, fit in pairs]
         found = search(records[0], task.causes, task.known(), **asked)
-        faults = _faults(task, ready[0], found.told, white=True)
+        faults = _faults(task, ready[0].inspected, found.told, white=True)
         if faults.noise_variance is not None:
             # what a table over the speed explains is no noise
             found.find_tables()
-            faults = _faults(task, ready[0], found.told, white=True)
+            faults = _faults(task, ready[0].inspected, found.told, white=True)
         return found, [faults]
 
     records = [one.record for one in ready]
@@ -259,13 +258,10 @@ def searched(
     if any(faults.spikes.any() for faults in late):
         report("searching again without spikes", 0.8)
         pairs = zip(records, late, strict=True)
-        found, again = find([_without(one, faults.spikes) for one, faults in pairs], silent)
+        kept = [replace(one, valid=one.valid & ~faults.spikes) for one, faults in pairs]
+        found, again = find(kept, silent)
         late = [_both_late(one, two) for one, two in zip(late, again, strict=True)]
     return found, [_with_early(task, one, two) for one, two in zip(ready, late, strict=True)]
-
-
-def _without(record: Record, spikes: NDArray[np.bool_]) -> Record:
-    return replace(record, valid=record.valid & ~spikes)
 
 
 def _both_late(first: ResidualFaults, second: ResidualFaults) -> ResidualFaults:
@@ -281,13 +277,13 @@ def _with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFault
     if spikes.any() and not any(fault.name == "spikes" for fault in late.faults):
         read = _read(task, inspected)
         whole = _prepared(task, read, ready.record.low_pass)
-        early = _faults(task, ready, start_fit(whole, task.known()), white=False)
+        early = _faults(task, inspected, start_fit(whole, task.known()), white=False)
         late = replace(late, faults=(*early.faults, *late.faults))
     return replace(late, spikes=late.spikes | spikes)
 
 
-def _faults(task: Task, ready: Ready | Inspected, fit: Fit, *, white: bool) -> ResidualFaults:
-    inspected, record = ready.inspected if isinstance(ready, Ready) else ready, fit.record
+def _faults(task: Task, inspected: Inspected, fit: Fit, *, white: bool) -> ResidualFaults:
+    record = fit.record
     # samples that fade in and out at the ends say nothing of the noise
     unfaded = record.valid & (fit.bands.fade > 0.999)
     return faults_of_residual(
@@ -327,9 +323,3 @@ def _rounded(task: Task, record: Record) -> Record:
         error = min(errors, key=lambda e: float(np.sum((left - e)[record.valid] ** 2)))
         record = replace(record, fixed_nm=record.fixed_nm + np.where(record.valid, error, 0.0))
     return record
-
-
-def _residual_of(task: Task, inspected: Inspected, low_pass: LowPass | None) -> float:
-    """Return the root mean square that the baseline leaves of a trace, N m."""
-    fit = start_fit(_prepared(task, _read(task, inspected), low_pass), task.known())
-    return float(np.sqrt(np.mean(residual_nm(fit)[fit.record.valid] ** 2)))

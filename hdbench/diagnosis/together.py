@@ -60,7 +60,8 @@ def diagnose_together(
         every.append(_Named(name, trace, make_ready(task, trace)))
     used = [(one, one.ready) for one in every if isinstance(one.ready, Ready)]
     if len(used) < 2:
-        reasons = "; ".join(f"{one.name}: {one.reason}" for one in every if one.reason)
+        refused = [(one.name, one.inspected.reason) for one in every]
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in refused if reason)
         raise DataError(
             f"{len(used)} of {len(every)} records can be used together; needed: 2 or more",
             where=reasons or names[0],
@@ -95,9 +96,9 @@ class _Named:
     ready: Ready | Inspected
 
     @property
-    def reason(self) -> str | None:
-        """Why it was refused; None for a record that takes part."""
-        return self.ready.reason if isinstance(self.ready, Inspected) else None
+    def inspected(self) -> Inspected:
+        """Its channels, and why it was refused."""
+        return self.ready.inspected if isinstance(self.ready, Ready) else self.ready
 
 
 # --- one answer of all
@@ -135,9 +136,8 @@ def _joined(
 def _part(one: _Named, answer: Diagnosis | None, told: Together) -> RecordPart:
     rate = 1.0 / float(np.median(np.diff(one.trace.time_s)))
     if answer is None or answer.rest is None:
-        return RecordPart(
-            record=one.name, left_out=one.reason, samples=0, rate_hz=rate, settings={}
-        )
+        why = one.inspected.reason or None
+        return RecordPart(record=one.name, left_out=why, samples=0, rate_hz=rate, settings={})
     apart = [c.name for c in told.causes for v in c.voices if v.record == one.name and v.disagrees]
     settings = answer.settings
     return RecordPart(
@@ -154,11 +154,11 @@ def _part(one: _Named, answer: Diagnosis | None, told: Together) -> RecordPart:
 
 def _flags(one: _Named, answer: Diagnosis | None) -> list[StretchFlag]:
     """Return the flags of a record; of one that was left out the reason comes first."""
-    if answer is not None or isinstance(one.ready, Ready):
-        return [replace(flag, record=one.name) for flag in answer.data_flags] if answer else []
-    ends = float(one.trace.time_s[0]), float(one.trace.time_s[-1])
-    whole = StretchFlag("record-left-out", *ends, len(one.trace), one.ready.reason, one.name)
-    return [whole, *(replace(flag, record=one.name) for flag in one.ready.flags)]
+    if answer is not None:
+        return [replace(flag, record=one.name) for flag in answer.data_flags]
+    ends, why = (float(one.trace.time_s[0]), float(one.trace.time_s[-1])), one.inspected.reason
+    whole = StretchFlag("record-left-out", *ends, len(one.trace), why, one.name)
+    return [whole, *(replace(flag, record=one.name) for flag in one.inspected.flags)]
 
 
 def _left_out(every: Sequence[_Named], answers: dict[str, Diagnosis]) -> tuple[LeftOutSamples, ...]:
