@@ -55,15 +55,11 @@ class BenchOfLog:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
-        return {
-            "text": self.text,
-            "filled": [
-                {"key": key, "value": value, "because": why}
-                for key, (value, why) in self.filled.items()
-            ],
-            "experiments": [asdict(one) for one in self.experiments],
-            "causes": [asdict(one) for one in self.causes],
-        }
+        filled = [
+            {"key": key, "value": value, "because": why}
+            for key, (value, why) in self.filled.items()
+        ]
+        return {**asdict(self), "filled": filled}
 
 
 def bench_of_trace(trace: Trace, name: str, known: Known) -> BenchOfLog:

@@ -73,10 +73,6 @@ class Coverage:
     limits: tuple[Finding, ...]  # what this motion cannot tell
 
 
-def _as_json(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
-
-
 @dataclass(frozen=True, slots=True)
 class Inspection:
     """Sampling, channels, findings and motion of a log: all that limits what it can tell."""
@@ -91,6 +87,6 @@ class Inspection:
     spectra: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return sampling, channels, coverage, findings and notes as JSON holds them."""
-        told = asdict(self, dict_factory=_as_json)
+        """Return sampling, channels, coverage, findings and notes, for JSON."""
+        told = asdict(self)
         return {key: told[key] for key in ("sampling", "channels", "coverage", "findings", "notes")}
