@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from numpy import bool_
@@ -119,6 +120,7 @@ class Watchdog(Protocol):
         """Clear a trip; the outputs are safe already."""
 
 
+@dataclass(eq=False)
 class HostOutputs(ABC):
     """Base of the outputs that a host writes: motor reference, enable line and watchdog.
 
@@ -141,28 +143,21 @@ class HostOutputs(ABC):
         The watchdog that lives in the device.
     """
 
-    watchdog: Watchdog | None = None
-
-    def __init__(
-        self,
-        where: str,
-        name: str,
-        ends_v: tuple[float, float],
-        *,
-        zero_v: float,
-        brake_s: float = 0.0,
-    ) -> None:
-        self.zero_v, self.brake_s = zero_v, brake_s
-        self._where, self._name = where, name
-        self._ends_v = ends_v
+    where: str
+    name: str
+    ends_v: tuple[float, float]
+    _: KW_ONLY
+    zero_v: float
+    brake_s: float = 0.0
+    watchdog: Watchdog | None = field(default=None, init=False)
 
     def write(self, value: float) -> float:
         """Write the reference once and return what is read back, V; NaN is outside of the range."""
-        low, high = self._ends_v
+        low, high = self.ends_v
         if not low <= value <= high:
             raise UsageError(
                 f"reference {value!r} V; needed: {low:g} to {high:g} V",
-                where=f"{self._where}, {self._name}",
+                where=f"{self.where}, {self.name}",
                 fix="ask for less, or raise daq.output.limit_v if the drive allows it",
             )
         return self._put(value)
@@ -181,7 +176,7 @@ class HostOutputs(ABC):
         if not self.switch_off():
             raise DeviceError(
                 "the enable line reads back as on after it was switched off",
-                where=self._where,
+                where=self.where,
                 fix="use the emergency stop, then check the line's wiring and [daq.output]",
             )
 

@@ -73,9 +73,7 @@ class TraceRecorder:
     synced_s: float = field(default=-math.inf, init=False)
     online: OnlineFilter = field(init=False)
     n_rows: int = field(default=0, init=False)
-    lost: int = field(default=0, init=False)
-    saturated: int = field(default=0, init=False)
-    held: int = field(default=0, init=False)
+    counts: Counter[str] = field(default_factory=Counter, init=False)
     stage: int = field(default=0, init=False)
     stage_rows: int = field(default=0, init=False)
     stage_start_s: float = field(default=0.0, init=False)
@@ -139,9 +137,7 @@ class TraceRecorder:
     def _count(self, n_rows: int, counts: Mapping[str, int]) -> None:
         self.n_rows += n_rows
         self.stage_rows += n_rows
-        self.lost += counts["lost"]
-        self.saturated += counts["saturated"]
-        self.held += counts["held"]
+        self.counts.update(counts)
 
     def frame(
         self, phase: str, total_s: float, block: Block, rows: Mapping[str, FloatArray]
@@ -153,8 +149,8 @@ class TraceRecorder:
             total_s=total_s,
             columns=rows,
             rows=self.n_rows,
-            lost=self.lost,
-            saturated=self.saturated,
+            lost=self.counts["lost"],
+            saturated=self.counts["saturated"],
             depth=block.depth,
             retries=block.repeats,
             amplitudes=block_amplitudes(self.model, self.online.state()),

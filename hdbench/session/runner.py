@@ -153,14 +153,12 @@ class Runner:
 
     def doubts(self) -> tuple[str, ...]:
         """Return losses, saturation and a torque that did not change."""
-        recorder = self.recorder
-        return counted(
-            (
-                (recorder.lost, "samples lost"),
-                (recorder.saturated, "samples saturated"),
-                (recorder.held, "samples of the torque that did not change while the motor turned"),
-            )
-        )
+        what = {
+            "lost": "samples lost",
+            "saturated": "samples saturated",
+            "held": "samples of the torque that did not change while the motor turned",
+        }
+        return counted((self.recorder.counts[name], words) for name, words in what.items())
 
     def _samples(self) -> JournalSamples | None:
         """Return what counts of the journal: not what earlier sessions broke off."""

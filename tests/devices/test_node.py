@@ -19,11 +19,11 @@ from hdbench.devices.daq import clean_text
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.node import (
     NodeCore,
-    RefusedError,
     build_core,
     identity_values,
     limit_values,
 )
+from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.devices.node.driver import open_node
 from hdbench.devices.node.registers import Refusal, State, register
 from hdbench.errors import BusyError, DeviceError, UsageError
@@ -234,7 +234,7 @@ def test_another_modbus_client_is_refused_with_the_documented_exception(
 def test_a_nan_reference_is_refused():
     core = build_core(TinyBench(), PROFILE, 0, pace="fast")
     _configure(core, n_samples=100)
-    with pytest.raises(RefusedError) as caught:
+    with pytest.raises(ModbusRefusedError) as caught:
         core.write("holding", register("amplitude_v").address, struct.pack(">f", math.nan), 1)
     assert caught.value.exception == 3
     assert caught.value.reason == Refusal.REFERENCE_LIMIT
@@ -394,7 +394,7 @@ def test_a_session_outlives_a_lost_connection_and_ends_with_its_host():
 
     claim(7, 1)
     core.left(1)
-    with pytest.raises(RefusedError):
+    with pytest.raises(ModbusRefusedError):
         claim(8, 2)
     claim(7, 3)
     core.left(3)

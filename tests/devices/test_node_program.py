@@ -11,7 +11,8 @@ from served import sampled
 from hdbench.devices import open_bench
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.node import RefusedError, build_core
+from hdbench.devices.emulator.node import build_core
+from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.devices.node.access import parameter_values, part_values
 from hdbench.devices.node.registers import PARAMETERS, PROGRAM, PROGRAM_WAVE, Refusal, register
 from hdbench.devices.registers import encode_group
@@ -98,7 +99,7 @@ def test_a_whole_program_is_accepted_and_reads_back() -> None:
     ],
 )
 def test_a_program_that_is_not_whole_or_beyond_a_limit_is_refused(change, reason) -> None:
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(ModbusRefusedError) as refused:
         written(change(part_values(PROGRAM_OF_FOUR)))
     assert refused.value.exception == 3
     assert refused.value.reason == reason

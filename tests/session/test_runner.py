@@ -92,7 +92,7 @@ def test_lost_samples_become_marked_rows_and_are_counted(tmp_path):
     run = runner(tmp_path, bench)
     run.run()
     trace = survey_samples(tmp_path / "journal.hdj").trace("here")
-    assert run.recorder.lost == 5
+    assert run.recorder.counts["lost"] == 5
     assert len(trace) == 200
     assert int(np.count_nonzero(np.isnan(trace["torque_v"]))) == 5
     assert np.all(np.isfinite(trace["time_s"]))

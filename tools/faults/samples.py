@@ -127,7 +127,7 @@ def broken_channels(_folder: Path, trials: int, seed: int) -> Row:
             never = not ended and due > RUN - FOUND_SAMPLES
             problem = "" if found or never else f"{kind}: {ended} {after}, {due} {start}"
         elif kind.startswith("torque"):
-            marked = recorder.held if kind == "torque stuck" else recorder.saturated
+            marked = recorder.counts["held" if kind == "torque stuck" else "saturated"]
             # the sample before the fault holds the same value
             exact = RUN - start <= marked <= RUN - start + BLOCK
             problem = "" if not ended and exact else f"{kind}: {ended} {marked} of {RUN - start}"
@@ -138,8 +138,9 @@ def broken_channels(_folder: Path, trials: int, seed: int) -> Row:
         if number % CLEAN_EVERY == 0:
             ended, _, recorder = _run(seed + number, CLEAN_SAMPLES, "", 0)
             clean += CLEAN_SAMPLES
-            if ended or recorder.held:
-                row.bad.append(f"a clean run: {ended} {recorder.held}")
+            held = recorder.counts["held"]
+            if ended or held:
+                row.bad.append(f"a clean run: {ended} {held}")
                 row.good -= 1
     row.notes["minutes of clean motion, no false alarm"] = round(clean * PERIOD_S / 60.0, 1)
     row.notes["a speed off by a quarter is found within s"] = FOUND_SAMPLES * PERIOD_S

@@ -106,25 +106,16 @@ class Driving:
 
     Parameters
     ----------
-    add : callable
-        As `ModbusDevice.add`.
-    instrument : SimulatedInstrument
-        The bench at its terminals.
+    device : ModbusDevice
+        Holds the map.
     output : ModbusOutput
         ``[daq.output]``.
-    clock : callable
-        Monotonic clock, s.
     """
 
-    def __init__(
-        self,
-        add: Callable[..., Cell],
-        instrument: SimulatedInstrument,
-        output: acquiring_modbus.ModbusOutput,
-        clock: Callable[[], float],
-    ) -> None:
+    def __init__(self, device: ModbusDevice, output: acquiring_modbus.ModbusOutput) -> None:
+        add = device.add
         self.watchdog: DeviceWatchdog | None = None
-        self._instrument = instrument
+        self._instrument = device.instrument
         self._output = output
         self._zero = -output.offset / output.scale
         self._reference = add(output, self._zero, on_write=self._write)
@@ -136,7 +127,7 @@ class Driving:
             self._enable = add(output.enable, float(off), on_write=partial(self._switch, off))
         if output.watchdog is not None:
             spec = output.watchdog
-            self.watchdog = DeviceWatchdog(spec, lambda: self.make_safe(*spec.drops), clock)
+            self.watchdog = DeviceWatchdog(spec, lambda: self.make_safe(*spec.drops), device.clock)
             self._add_watchdog(add, self.watchdog)
 
     def make_safe(self, *names: str) -> None:
@@ -259,7 +250,7 @@ class ModbusDevice(MemoryDevice):
                     read = partial(self._word, place_of(table, word))
                     self.add(word, on_read=read, writable=False)
         if table.output is not None:
-            self._driving = Driving(self.add, self.instrument, table.output, self.clock)
+            self._driving = Driving(self, table.output)
         for rule in table.identify:
             self.add(rule, told(rule), writable=False)
         for write in table.init:

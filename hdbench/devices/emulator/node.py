@@ -72,37 +72,16 @@ def limit_values(profile: ProfileData) -> Mapping[str, Value]:
     }
 
 
-class RefusedError(ModbusRefusedError):
-    """A request that the node answers with an exception.
-
-    Parameters
-    ----------
-    exception : int
-        Modbus exception code.
-    reason : Refusal
-        The node's own reason.
-    address : int
-        First register concerned.
-    """
-
-    def __init__(self, exception: int, reason: reg.Refusal, address: int) -> None:
-        super().__init__(exception)
-        self.reason = reason
-        self.address = address
-
-
 def check_parameters(values: Mapping[str, Value], limits: Mapping[str, Value]) -> None:
     """Refuse a parameter block that is outside the node's limits."""
     for name, low, high, reason in (
-        ("sample_period_ns", "min_period_ns", "max_period_ns", reg.Refusal.SAMPLE_PERIOD),
-        ("watchdog_ms", "watchdog_min_ms", "watchdog_max_ms", reg.Refusal.WATCHDOG_TIME),
+        ("sample_period_ns", limits["min_period_ns"], limits["max_period_ns"], "SAMPLE_PERIOD"),
+        ("watchdog_ms", limits["watchdog_min_ms"], limits["watchdog_max_ms"], "WATCHDOG_TIME"),
+        ("n_samples", 1, limits["max_samples"], "SAMPLE_COUNT"),
+        ("channels", 0, reg.ALL_CHANNELS, "VALUE"),
     ):
-        if not float(limits[low]) <= float(values[name]) <= float(limits[high]):
-            raise _refused(name, reason)
-    if not 1 <= int(values["n_samples"]) <= int(limits["max_samples"]):
-        raise _refused("n_samples", reg.Refusal.SAMPLE_COUNT)
-    if not 0 <= int(values["channels"]) <= reg.ALL_CHANNELS:
-        raise _refused("channels", reg.Refusal.VALUE)
+        if not float(low) <= float(values[name]) <= float(high):
+            raise _refused(name, reg.Refusal[reason])
     peak_v = abs(float(values["bias_v"])) + abs(float(values["amplitude_v"]))
     _check_peak(peak_v, limits, "amplitude_v")
     if not 0 <= int(values["wave"]) < len(reg.WAVES):
@@ -124,8 +103,8 @@ def _check_peak(peak_v: float, limits: Mapping[str, Value], name: str) -> None:
         raise _refused(name, reg.Refusal.VELOCITY_LIMIT)
 
 
-def _refused(name: str, reason: reg.Refusal) -> RefusedError:
-    return RefusedError(3, reason, reg.register(name).address)
+def _refused(name: str, reason: reg.Refusal) -> ModbusRefusedError:
+    return ModbusRefusedError(3, reason, reg.register(name).address)
 
 
 class ProgramStore:
@@ -150,7 +129,7 @@ class ProgramStore:
     def take(self, values: Mapping[str, Value], address: int) -> None:
         """Keep one part: part 0 begins a program, any other follows the one before it."""
         if len(values) != len(reg.PROGRAM):
-            raise RefusedError(3, reg.Refusal.VALUE, address)
+            raise ModbusRefusedError(3, reg.Refusal.VALUE, address)
         number, needed = int(values["program_part"]), int(values["program_parts"])
         kept = self._parts[:number]
         # a part may be written again, as it is when the answer to a write was lost
@@ -220,7 +199,7 @@ class Session:
     def take(self, token: int, connection: int) -> None:
         """Take, take over (same token) or give back (0) the session."""
         if self.state(connection) == HELD and token != self._token:
-            raise RefusedError(6, reg.Refusal.SESSION_HELD, reg.register("session").address)
+            raise ModbusRefusedError(6, reg.Refusal.SESSION_HELD, reg.register("session").address)
         self._token = token
         self._owner = connection if token else None
 
@@ -271,7 +250,7 @@ class NodeCore(Device):
         self._program = ProgramStore(self._limits)
         self._feed = {"ack": 0, "heartbeat": 0}
         self._command = 0
-        self._refusals: dict[int, tuple[reg.Refusal, int]] = {}
+        self._refusals: dict[int, tuple[int, int]] = {}
         self._nonces: dict[int, int] = {}
         self._images: dict[tuple[Register, ...], Callable[[int], bytes]] = {
             reg.BLOCK: lambda _: self._window.image(self._feed["heartbeat"]),
@@ -328,7 +307,7 @@ class NodeCore(Device):
             last = group[-1]
             if group[0].address <= address and address + count <= last.address + last.size:
                 return group, image
-        raise RefusedError(2, reg.Refusal.ADDRESS, address)
+        raise ModbusRefusedError(2, reg.Refusal.ADDRESS, address)
 
     def tick(self) -> None:
         """Let the wall clock act."""
@@ -352,11 +331,10 @@ class NodeCore(Device):
 
     def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
         """Keep the reason; a request that is none as Modbus has it concerns no register."""
-        if isinstance(refused, RefusedError):
-            self._refusals[connection] = (refused.reason, refused.address)
-        else:
+        reason = refused.reason
+        if reason is None:
             reason = reg.Refusal.VALUE if refused.exception == 3 else reg.Refusal.NONE
-            self._refusals[connection] = (reason, 0)
+        self._refusals[connection] = (reason, refused.address)
 
     def _status(self, connection: int) -> dict[str, Value]:
         machine = self.machine
@@ -377,7 +355,7 @@ class NodeCore(Device):
             "mark_start_ms": round(1e3 * machine.mark_start_s) % 2**32,
             "mark_stop_ms": round(1e3 * machine.mark_stop_s) % 2**32,
             "watchdog_trips": machine.trips % 0x10000,
-            "refusal": int(refusal),
+            "refusal": refusal,
             "refused_address": refused_address,
             "session_state": self._session.state(connection),
             "status_echo": self._nonces.get(connection, 0),
@@ -403,7 +381,7 @@ class NodeCore(Device):
         if command == reg.Command.START:
             self._refuse_while_running(address)
             if self.machine.state == reg.State.TRIPPED:
-                raise RefusedError(4, reg.Refusal.TRIPPED, address)
+                raise ModbusRefusedError(4, reg.Refusal.TRIPPED, address)
             check_parameters(self._parameters, self._limits)
             program = self._program.check(self._parameters)
             self._feed["ack"] = 0
@@ -416,16 +394,16 @@ class NodeCore(Device):
                 self._parameters = dict(DEFAULT_PARAMETERS)
                 self._program.forget()
         else:
-            raise RefusedError(3, reg.Refusal.VALUE, address)
+            raise ModbusRefusedError(3, reg.Refusal.VALUE, address)
         self._command = command
 
     def _refuse_others(self, connection: int) -> None:
         if self._session.state(connection) == HELD:
-            raise RefusedError(6, reg.Refusal.SESSION_HELD, reg.register("session").address)
+            raise ModbusRefusedError(6, reg.Refusal.SESSION_HELD, reg.register("session").address)
 
     def _refuse_while_running(self, address: int) -> None:
         if self.machine.state == reg.State.RUNNING:
-            raise RefusedError(6, reg.Refusal.RUNNING, address)
+            raise ModbusRefusedError(6, reg.Refusal.RUNNING, address)
 
 
 def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> tuple[Register, ...]:
@@ -433,7 +411,7 @@ def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> t
     end = address + count
     chosen = tuple(e for e in group if e.address >= address and e.address + e.size <= end)
     if not group[0].writable or sum(entry.size for entry in chosen) != count:
-        raise RefusedError(2, reg.Refusal.ADDRESS, address)
+        raise ModbusRefusedError(2, reg.Refusal.ADDRESS, address)
     return chosen
 
 

@@ -53,11 +53,15 @@ class ModbusRefusedError(Exception):
     ----------
     exception : int
         Modbus exception code.
+    reason : int or None
+        The device's own code; None where the request is none as Modbus has it.
+    address : int
+        First register concerned.
     """
 
-    def __init__(self, exception: int) -> None:
+    def __init__(self, exception: int, reason: int | None = None, address: int = 0) -> None:
         super().__init__(f"exception {exception}")
-        self.exception = exception
+        self.exception, self.reason, self.address = exception, reason, address
 
 
 class Device(ABC):

@@ -55,20 +55,16 @@ class Unwrap:
 
     def __init__(self, wrap: int) -> None:
         self._wrap = wrap
-        self._last: int | None = None
-        self._total = 0
+        self._last: NDArray[np.int64] | None = None
 
     def __call__(self, raw: FloatArray) -> NDArray[np.int64]:
         """Return the counts of the next samples."""
         counts = np.asarray(raw, dtype=np.int64)
         if len(counts) == 0 or not self._wrap:
             return counts
-        if self._last is None:
-            self._last = self._total = int(counts[0])
-        half = self._wrap // 2
-        steps = (np.diff(counts, prepend=self._last) + half) % self._wrap - half
-        total: NDArray[np.int64] = self._total + np.cumsum(steps)
-        self._last, self._total = int(counts[-1]), int(total[-1])
+        before = counts[:1] if self._last is None else self._last
+        total = np.unwrap(np.append(before, counts), period=self._wrap)[1:].astype(np.int64)
+        self._last = total[-1:]
         return total
 
 

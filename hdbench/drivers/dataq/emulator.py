@@ -87,7 +87,10 @@ class DataqDevice:
             self._start()
             return b""
         if word == "stop":
-            left = self._end()
+            left = b""
+            if self.scanning:
+                self._stream += self._sampled()
+                left = self._end()
             return left + b"stop\r"
         if self.scanning:
             # settings are taken, not echoed, while it streams
@@ -103,7 +106,9 @@ class DataqDevice:
             return b""
         self._stream += self._sampled()
         if blocked:
-            return self._overflow() if len(self._stream) > 2 * self.buffer_samples else b""
+            most = 2 * self.buffer_samples
+            # as with a full buffer: the last bytes say so
+            return self._end()[:most] + _OVERFLOW if len(self._stream) > most else b""
         size = 16 << self._numbers["ps"]
         whole = len(self._stream) // size * size
         packets, self._stream = self._stream[:whole], self._stream[whole:]
@@ -140,21 +145,11 @@ class DataqDevice:
         self.scanning, self._stream = True, b""
 
     def _end(self) -> bytes:
-        """Stop; what the buffer still held is sent."""
-        if not self.scanning:
-            return b""
-        self._stream += self._sampled()
+        """Stop, and return what the buffer still held."""
         self.instrument.end()
         self.scanning = False
         left, self._stream = self._stream, b""
         return left
-
-    def _overflow(self) -> bytes:
-        """Stop as with a full buffer: the last bytes say so."""
-        self.instrument.end()
-        self.scanning = False
-        kept, self._stream = self._stream[: 2 * self.buffer_samples], b""
-        return kept + _OVERFLOW
 
     def _count_edges(self, count: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the edges of one encoder line since it was switched on, in either direction."""

@@ -12,7 +12,7 @@ from hdbench.devices.daq import Capabilities, InputInfo, Role, WatchdogInfo
 from hdbench.devices.registers import Register
 from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.control import Control, Refused
-from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackChannel
+from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackChannel, LabJackOutput
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.records.trace import FloatArray
 
@@ -99,13 +99,8 @@ _STREAMED_LINES = 16
 _LOWEST, _HIGHEST = 0, 0xFFFE
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """Scans in the units of their roles."""
-
-    values: FloatArray
-    saturated: NDArray[np.bool_]
-    enabled: NDArray[np.bool_] | None
+Decoded = tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_] | None]
+"""Scans in the units of their roles, which of them sit at an end, and whether the drive is on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +110,7 @@ class ScanPlan:
     addresses: tuple[int, ...]
     columns: tuple[tuple[int, LabJackChannel, InputScale | None], ...]
     line: int | None
-    line_bit: int
-    line_high: bool
+    output: LabJackOutput | None
     timer: int
 
     def decode(self, words: NDArray[np.uint16]) -> Decoded:
@@ -134,13 +128,13 @@ class ScanPlan:
             saturated[:, column] = (
                 (np.abs(volts) >= channel.range_v) | (word <= _LOWEST) | (word >= _HIGHEST)
             )
-        return Decoded(values, saturated, self._enabled(words))
+        return values, saturated, self._enabled(words)
 
     def _enabled(self, words: NDArray[np.uint16]) -> NDArray[np.bool_] | None:
-        if self.line is None:
+        if self.line is None or self.output is None:
             return None
-        level = (words[:, self.line] >> self.line_bit & 1).astype(bool)
-        return level if self.line_high else ~level
+        level = (words[:, self.line] >> self.output.enable_line & 1).astype(bool)
+        return level if self.output.enable_high else ~level
 
 
 def plan_scan(
@@ -172,8 +166,7 @@ def plan_scan(
         tuple(addresses),
         tuple((positions[role], channels[role], scales.get(role)) for role in roles),
         line,
-        output.enable_line if output is not None else 0,
-        output.enable_high if output is not None else True,
+        output,
         timer,
     )
 

@@ -7,7 +7,7 @@ import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -19,7 +19,7 @@ from hdbench.devices.daq import ScanBlock
 from hdbench.devices.wire.address import dial
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.registers import error_name
-from hdbench.drivers.labjack.scanlist import CORE_TIMER_HZ, Decoded, ScanPlan, StreamSetup
+from hdbench.drivers.labjack.scanlist import CORE_TIMER_HZ, ScanPlan, StreamSetup
 from hdbench.errors import DeviceError
 
 _HEADER = struct.Struct(">HHHBBBBHHH")
@@ -202,12 +202,12 @@ class ScanAssembler:
         if packet.status != Status.RECOVERED:
             if len(joints):
                 raise StreamFault("a scan marks a joint, but its packet tells of none")
-            return self._runs([words])
+            return self._run(words)
         if len(joints) != 1:
             raise StreamFault(f"{len(joints)} scans mark the joint after a full buffer; needed: 1")
-        before = self._runs([words[: joints[0]]])
+        before = self._run(words[: joints[0]])
         self._claim(packet.additional, packet.additional - 1)
-        return before + self._runs([words[joints[0] + 1 :]])
+        return before + self._run(words[joints[0] + 1 :])
 
     def _claim(self, *numbers: int) -> None:
         """Add missing scans to what is claimed before the next one."""
@@ -215,10 +215,10 @@ class ScanAssembler:
             old + new for old in self._claimed for new in numbers if old + new >= 0
         )
 
-    def _runs(self, parts: Sequence[NDArray[np.uint16]]) -> list[ScanRun]:
-        return [self._run(words) for words in parts if len(words)]
-
-    def _run(self, words: NDArray[np.uint16]) -> ScanRun:
+    def _run(self, words: NDArray[np.uint16]) -> list[ScanRun]:
+        """Return adjacent scans as one run; none of no scans."""
+        if not len(words):
+            return []
         timer = self._timer
         ticks = words[:, timer].astype(np.int64) + (words[:, timer + 1].astype(np.int64) << 16)
         first = int(ticks[0])
@@ -233,7 +233,7 @@ class ScanAssembler:
         self._index += lost + len(words)
         self._ticks = int(ticks[-1])
         self._claimed = (0,)
-        return run
+        return [run]
 
     def _lost_before(self, ticks: int) -> int:
         """Return which of the claimed numbers the timer confirms."""
@@ -324,11 +324,12 @@ class Acquisition(StreamedAcquisition):
             return self._empty(outputs) if self.stopped else None
         self._hear()
         lost = min(run.lost_before, self._n_samples - self.delivered)
-        decoded = self._plan.decode(run.words[: self._n_samples - self.delivered - lost])
-        self._watch_line(decoded, outputs)
+        kept = run.words[: self._n_samples - self.delivered - lost]
+        values, saturated, enabled = self._plan.decode(kept)
+        self._watch_line(enabled, outputs)
         return self._delivered(
-            decoded.values,
-            decoded.saturated,
+            values,
+            saturated,
             self._received_s,
             lost=lost,
             waiting=sum(len(waiting.words) for waiting in self._runs),
@@ -336,23 +337,24 @@ class Acquisition(StreamedAcquisition):
             tripped=outputs is not None and outputs.tripped,
         )
 
-    def _watch_line(self, decoded: Decoded, outputs: Outputs | None) -> None:
+    def _watch_line(self, enabled: NDArray[np.bool_] | None, outputs: Outputs | None) -> None:
         """Tell a trip from a line that was seen on and then off, while it is ordered on."""
-        if outputs is None or decoded.enabled is None or not len(decoded.enabled):
+        if outputs is None or enabled is None or not len(enabled):
             return
         if not outputs.ordered_on:
             self._seen_on = False
-        elif self._seen_on and not np.all(decoded.enabled):
+        elif self._seen_on and not np.all(enabled):
             outputs.note_enabled(on=False)
         else:
-            self._seen_on = bool(decoded.enabled[-1])
+            self._seen_on = bool(enabled[-1])
 
     def _empty(self, outputs: Outputs | None) -> ScanBlock:
         """Return a block without scans: the acquisition is over."""
-        nothing = self._plan.decode(np.zeros((0, len(self._plan.addresses)), dtype=np.uint16))
+        nothing = np.zeros((0, len(self._plan.addresses)), dtype=np.uint16)
+        values, saturated, _ = self._plan.decode(nothing)
         now_s = time.monotonic()
         tripped = outputs is not None and outputs.tripped
-        return self._delivered(nothing.values, nothing.saturated, (now_s, now_s), tripped=tripped)
+        return self._delivered(values, saturated, (now_s, now_s), tripped=tripped)
 
     def _read(self, timeout_s: float) -> ScanRun | None:
         """Return the next run of scans, or None when none has come in time."""

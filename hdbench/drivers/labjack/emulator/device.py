@@ -16,12 +16,7 @@ from hdbench.devices.emulator.server import ModbusRefusedError, ModbusServer
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.labjack import registers as reg
 from hdbench.drivers.labjack.driver import EMULATOR_NAME, STREAM_OFFSET
-from hdbench.drivers.labjack.emulator.streaming import (
-    DeviceWatchdog,
-    RefusedError,
-    StreamEngine,
-    Wiring,
-)
+from hdbench.drivers.labjack.emulator import streaming
 from hdbench.drivers.labjack.scanlist import CORE_TIMER_HZ, FLASH_ADDRESS
 from hdbench.drivers.labjack.table import LabJackAcquisition
 
@@ -45,7 +40,7 @@ class LabJackDevice(MemoryDevice):
     # larger than Modbus has them: a feedback request may fill a packet of Ethernet
     longest = 1040
 
-    wiring: Wiring
+    wiring: streaming.Wiring
     serial: int
     _: KW_ONLY
     clock: Callable[[], float] = time.monotonic
@@ -54,8 +49,10 @@ class LabJackDevice(MemoryDevice):
         self.rebooted: Callable[[], None] = lambda: None
         self.readers: set[asyncio.WriteTransport] = set()
         self.memory = Memory(_MAX_REGISTERS, whole=True)
-        self.stream = StreamEngine(self.memory, self.wiring, self._ticks, lambda: self.levels)
-        self.watchdog = DeviceWatchdog(self.memory, self.clock, self._time_out)
+        self.stream = streaming.StreamEngine(
+            self.memory, self.wiring, self._ticks, lambda: self.levels
+        )
+        self.watchdog = streaming.DeviceWatchdog(self.memory, self.clock, self._time_out)
         self.levels = self.directions = 0
         self._build(self.serial)
 
@@ -84,7 +81,7 @@ class LabJackDevice(MemoryDevice):
 
     def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
         """Keep it for LAST_ERR_*; what is no request at all has its exception as its reason."""
-        self.memory.put(reg.LAST_ERROR[0].address, getattr(refused, "detail", refused.exception))
+        self.memory.put(reg.LAST_ERROR[0].address, refused.reason or refused.exception)
         self.memory.put(reg.LAST_ERROR[2].address, transaction)
 
     def tick(self) -> None:
@@ -168,7 +165,7 @@ class LabJackDevice(MemoryDevice):
 
     def _ain(self, number: int) -> float:
         if self.stream.running:
-            raise RefusedError(_AIN_BUSY)
+            raise streaming.RefusedError(_AIN_BUSY)
         range_v = self.memory.value(reg.analog_range(number).address)
         word = self.wiring.words(self.wiring.instrument.look(), number, range_v)
         return self.wiring.calibration.volts(int(word[-1]), number, range_v)
@@ -188,15 +185,15 @@ class LabJackDevice(MemoryDevice):
 
     def _check_index(self, enable: Cell, value: float) -> None:
         if enable.value:
-            raise RefusedError(_EF_RUNS)
+            raise streaming.RefusedError(_EF_RUNS)
         if value not in (0, 1, 3, 4, 5, 7, 8, 9, _QUADRATURE, 11):
-            raise RefusedError(_BAD_INDEX)
+            raise streaming.RefusedError(_BAD_INDEX)
 
     def _check_range(self, value: float) -> None:
         ranges = (0.0,) if self.wiring.model == "T4" else (0.0, 10.0, 1.0, 0.1, 0.01)
         # ranges travel as 32-bit floats
         if not any(abs(value - known) <= 1e-6 * known for known in ranges):
-            raise RefusedError(_BAD_RANGE)
+            raise streaming.RefusedError(_BAD_RANGE)
 
     def _level(self, line: int) -> int:
         return self.levels >> line & 1
@@ -225,7 +222,7 @@ class LabJackDevice(MemoryDevice):
 
     def _order_reboot(self, value: float) -> None:
         if int(value) >> 16 != _REBOOT:
-            raise RefusedError(_BAD_REBOOT)
+            raise streaming.RefusedError(_BAD_REBOOT)
         self.reboot()
 
 
@@ -291,7 +288,7 @@ class EmulatedLabJack:
 def emulate_labjack(emulation: Emulation, table: LabJackAcquisition) -> EmulatedLabJack:
     """Return a device with a simulated bench at the terminals that `table` names."""
     terminals = emulation.terminals(table.channels)
-    wiring = Wiring(emulation.instrument, table, terminals, emulation.seed)
+    wiring = streaming.Wiring(emulation.instrument, table, terminals, emulation.seed)
     return EmulatedLabJack(LabJackDevice(wiring, serial_number(emulation.seed)))
 
 

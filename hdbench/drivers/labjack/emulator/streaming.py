@@ -14,12 +14,7 @@ from hdbench.devices.emulator.instrument import ElectricalSamples, SimulatedInst
 from hdbench.devices.emulator.memory import DEVICE_FAILURE, Cell, Memory
 from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.drivers.labjack import registers as reg
-from hdbench.drivers.labjack.scanlist import (
-    CORE_TIMER_HZ,
-    FLASH_WORDS,
-    QUADRATURE_LINES,
-    T7_RANGES_V,
-)
+from hdbench.drivers.labjack import scanlist
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.records.trace import FloatArray
 
@@ -27,9 +22,8 @@ from hdbench.records.trace import FloatArray
 class RefusedError(ModbusRefusedError):
     """A request that the device answers with an exception."""
 
-    def __init__(self, detail: int, exception: int = DEVICE_FAILURE) -> None:
-        super().__init__(exception)
-        self.detail = detail
+    def __init__(self, code: int) -> None:
+        super().__init__(DEVICE_FAILURE, code)
 
 
 # the device's own codes: a time of zero, and writing settings while it runs
@@ -122,13 +116,13 @@ class Calibration:
         values: list[float] = []
         if model == "T7":
             for number in range(8):
-                slope = _T7_SLOPE * T7_RANGES_V[number % 4] / 10.0 * factor[number]
+                slope = _T7_SLOPE * scanlist.T7_RANGES_V[number % 4] / 10.0 * factor[number]
                 values += [slope, -slope * factor[8 + number], _T7_CENTER + number, -slope * 33524]
         else:
             for number in range(5):
                 slope, offset = _T4_HIGH if number < 4 else _T4_LOW
                 values += [slope * factor[number], offset * factor[8 + number]]
-        values += [0.0] * (FLASH_WORDS[model] - len(values))
+        values += [0.0] * (scanlist.FLASH_WORDS[model] - len(values))
         return cls(model, tuple(np.array(values, dtype=np.float32).astype(float).tolist()))
 
     def words(self, volts: FloatArray, number: int, range_v: float) -> NDArray[np.uint16]:
@@ -148,52 +142,47 @@ class Calibration:
     def _constants(self, number: int, range_v: float) -> tuple[float, ...]:
         """Return positive slope, negative slope and centre of an input."""
         if self.model == "T7":
-            at = 4 * T7_RANGES_V.index(range_v or 10.0)
+            at = 4 * scanlist.T7_RANGES_V.index(range_v or 10.0)
             return self.floats[at : at + 3]
         at = 2 * min(number, 4)
         slope, offset = self.floats[at : at + 2]
         return slope, -slope, -offset / slope
 
 
+@dataclass(eq=False)
 class Wiring:
     """Terminals of the device to the instrument, as a profile says."""
 
-    def __init__(
-        self,
-        instrument: SimulatedInstrument,
-        table: LabJackAcquisition,
-        terminals: Mapping[int, Terminal],
-        seed: int,
-    ) -> None:
-        self.instrument = instrument
-        self.model = table.model
-        self.calibration = Calibration.draw(table.model, seed)
-        self._terminals = terminals
-        output = table.output
-        self.reference = output.output if output is not None else ""
-        self.enable_line = output.enable_line if output is not None else -1
-        self._enable_high = output.enable_high if output is not None else True
+    instrument: SimulatedInstrument
+    table: LabJackAcquisition
+    terminals: Mapping[int, Terminal]
+    seed: int
+
+    def __post_init__(self) -> None:
+        self.model = self.table.model
+        self.calibration = Calibration.draw(self.model, self.seed)
 
     @property
     def counter_line(self) -> int:
         """Line of the pair whose counter holds the encoder's count."""
-        return QUADRATURE_LINES[self.model][0]
+        return scanlist.QUADRATURE_LINES[self.model][0]
 
     def write_reference(self, terminal: str, value_v: float) -> None:
         """Put a voltage out at a terminal; only that of the reference leads anywhere."""
-        if terminal == self.reference:
+        if self.table.output is not None and terminal == self.table.output.output:
             self.instrument.write_reference(value_v)
 
     def write_line(self, line: int, *, high: bool) -> None:
         """Set a line; only that of the enable leads anywhere."""
-        if line == self.enable_line:
-            on = high == self._enable_high
+        output = self.table.output
+        if output is not None and line == output.enable_line:
+            on = high == output.enable_high
             if on != self.instrument.enabled:
                 self.instrument.write_enable(on=on)
 
     def words(self, samples: ElectricalSamples, number: int, range_v: float) -> NDArray[np.uint16]:
         """Return what AIN`number` reads; an open terminal reads 0 V."""
-        name, factor = self._terminals.get(number, (None, 1.0))
+        name, factor = self.terminals.get(number, (None, 1.0))
         volts = np.zeros(len(samples)) if name is None else samples.volts[name] * factor
         return self.calibration.words(volts, number, range_v)
 
@@ -217,19 +206,6 @@ _LONGEST = 128
 _BUFFER_BYTES = {"T4": 8192, "T7": 4096}
 _NOT_RUNNING, _ACTIVE = 2620, 2605
 _INPUTS = 14
-
-
-@dataclass(frozen=True, slots=True)
-class StreamOrder:
-    """What the registers ask for when the stream is enabled."""
-
-    rate_hz: float
-    addresses: tuple[int, ...]
-    samples_per_packet: int
-    buffer_samples: int
-    n_scans: int
-    stop_when_full: bool
-    ranges_v: dict[int, float]
 
 
 def actual_rate_hz(rate_hz: float) -> float:
@@ -257,7 +233,7 @@ class StreamEngine:
         self.start_ticks = 0
         # whether the scan that marks the joint counts as skipped, too: no document says so
         self.count_joint = False
-        self._forget(None)
+        self._rows: deque[NDArray[np.uint16]] = deque()
         rate = self.memory.add(Cell(reg.STREAM_SETUP[0]))
         rate.on_read = lambda: actual_rate_hz(rate.value)
         for number in range(_LONGEST):
@@ -270,25 +246,9 @@ class StreamEngine:
         if bool(value) == self.running:
             raise RefusedError(_ACTIVE if value else _NOT_RUNNING)
         if value:
-            self._start(self._ordered())
+            self._start()
         else:
             self.stop()
-
-    def _ordered(self) -> StreamOrder:
-        """Return what the registers ask for."""
-        setting, t7 = self._setting, self.wiring.model == "T7"
-        entries = min(setting("NUM_ADDRESSES"), _LONGEST)
-        return StreamOrder(
-            rate_hz=actual_rate_hz(self.memory.value(reg.STREAM_SETUP[0].address)),
-            addresses=tuple(
-                int(self.memory.value(reg.scan_list(n).address)) for n in range(entries)
-            ),
-            samples_per_packet=setting("SAMPLES_PER_PACKET"),
-            buffer_samples=(setting("BUFFER_SIZE_BYTES") or _BUFFER_BYTES[self.wiring.model]) // 2,
-            n_scans=setting("NUM_SCANS"),
-            stop_when_full=t7 and bool(setting("AUTORECOVER_DISABLE")),
-            ranges_v={number: self._range_v(number) for number in range(_INPUTS)},
-        )
 
     def _setting(self, name: str) -> int:
         return int(self.memory.value(reg.BY_NAME[f"STREAM_{name}"].address))
@@ -296,21 +256,27 @@ class StreamEngine:
     def _range_v(self, number: int) -> float:
         # ranges travel as 32-bit floats; 0 is the widest
         value = self.memory.value(reg.analog_range(number).address) or 10.0
-        return min(T7_RANGES_V, key=lambda known: abs(known - value))
+        return min(scanlist.T7_RANGES_V, key=lambda known: abs(known - value))
 
-    def _forget(self, order: StreamOrder | None) -> None:
-        """Count from the beginning of what is ordered."""
-        self._order = order
-        self._rows: deque[NDArray[np.uint16]] = deque()
+    def _start(self) -> None:
+        """Scan as the registers ask for, from the beginning."""
+        setting, model = self._setting, self.wiring.model
+        entries = min(setting("NUM_ADDRESSES"), _LONGEST)
+        self._rate_hz = actual_rate_hz(self.memory.value(reg.STREAM_SETUP[0].address))
+        lists = [self.memory.value(reg.scan_list(number).address) for number in range(entries)]
+        self._addresses = [int(address) for address in lists]
+        self._samples_per_packet = setting("SAMPLES_PER_PACKET")
+        self._buffer_samples = (setting("BUFFER_SIZE_BYTES") or _BUFFER_BYTES[model]) // 2
+        self._n_scans = setting("NUM_SCANS")
+        self._stops_when_full = model == "T7" and bool(setting("AUTORECOVER_DISABLE"))
+        self._ranges_v = [self._range_v(number) for number in range(_INPUTS)]
+        self._check()
+        self._rows.clear()
         self._number = self._taken = self._status = 0
         self._skipped: int | None = None
         self._joint: int | None = None
-
-    def _start(self, order: StreamOrder) -> None:
-        self._check(order)
-        self._forget(order)
-        self.start_ticks = self.ticks() + round(CORE_TIMER_HZ / order.rate_hz)
-        self.wiring.instrument.begin(1.0 / order.rate_hz)
+        self.start_ticks = self.ticks() + round(scanlist.CORE_TIMER_HZ / self._rate_hz)
+        self.wiring.instrument.begin(1.0 / self._rate_hz)
         self.running = True
 
     def stop(self) -> None:
@@ -322,43 +288,43 @@ class StreamEngine:
 
     def tick(self, *, blocked: bool = False) -> list[bytes]:
         """Scan what is due and return the packets that are complete, none while blocked."""
-        if not self.running or self._order is None:
+        if not self.running:
             return []
-        self._scan(self._order)
+        self._scan()
         packets: list[bytes] = []
-        scans = self._order.samples_per_packet // len(self._order.addresses)
+        scans = self._samples_per_packet // len(self._addresses)
         while not blocked and len(self._rows) >= scans:
-            packets.append(self._packet(self._order, scans))
+            packets.append(self._packet(scans))
         if not blocked:
-            self._recover(self._order, scans)
+            self._recover(scans)
         if self._status in (OVERLAP, UNCOUNTED, FULL, BURST) and not blocked:
             # less than a packet is left: it carries the status
-            packets.append(self._packet(self._order, len(self._rows), self._status))
+            packets.append(self._packet(len(self._rows), self._status))
             self.stop()
         return packets
 
-    def _scan(self, order: StreamOrder) -> None:
+    def _scan(self) -> None:
         samples = self.wiring.instrument.take(_TAKE)
         if not len(samples) or self._status:
             return
-        words = np.stack([self._column(samples, order, n) for n in range(len(order.addresses))], 1)
-        room = order.buffer_samples // len(order.addresses) - len(self._rows)
+        words = np.stack([self._column(samples, n) for n in range(len(self._addresses))], 1)
+        room = self._buffer_samples // len(self._addresses) - len(self._rows)
         for row in words:
             if self._skipped is not None:
                 self._skipped += 1
             elif room > 0:
                 self._rows.append(row)
                 room -= 1
-            elif order.stop_when_full:
+            elif self._stops_when_full:
                 self._status = FULL
                 break
             else:
                 self._skipped = 1
         self._taken += len(words)
-        if order.n_scans and self._taken >= order.n_scans and not self._status:
+        if self._n_scans and self._taken >= self._n_scans and not self._status:
             self._status = BURST
 
-    def _recover(self, order: StreamOrder, scans: int) -> None:
+    def _recover(self, scans: int) -> None:
         """Take new scans again once the buffer has been emptied."""
         if self._skipped is None or len(self._rows) >= scans:
             return
@@ -367,11 +333,11 @@ class StreamEngine:
             return
         self._joint = self._skipped + self.count_joint
         self._skipped = None
-        self._rows.append(np.full(len(order.addresses), _JOINT, dtype=np.uint16))
+        self._rows.append(np.full(len(self._addresses), _JOINT, dtype=np.uint16))
 
-    def _packet(self, order: StreamOrder, scans: int, status: int = 0) -> bytes:
+    def _packet(self, scans: int, status: int = 0) -> bytes:
         rows = [self._rows.popleft() for _ in range(scans)]
-        backlog = 2 * len(order.addresses) * len(self._rows)
+        backlog = 2 * len(self._addresses) * len(self._rows)
         additional = 0
         if self._skipped is not None and not status:
             status = RECOVERING
@@ -382,47 +348,43 @@ class StreamEngine:
         head = (number, 0, 10 + len(data), 1, 76, 16, 0, backlog, status, additional)
         return _HEADER.pack(*head) + data
 
-    def _column(
-        self, samples: ElectricalSamples, order: StreamOrder, position: int
-    ) -> NDArray[np.uint16]:
-        address = order.addresses[position]
+    def _column(self, samples: ElectricalSamples, position: int) -> NDArray[np.uint16]:
+        address = self._addresses[position]
         if address < _AIN_END:
-            return self.wiring.words(samples, address // 2, order.ranges_v[address // 2])
+            return self.wiring.words(samples, address // 2, self._ranges_v[address // 2])
         if address == _LINES:
             return np.full(len(samples), self.levels() & 0xFFFF, dtype=np.uint16)
         # the upper half of a 32-bit value stands at the capture address right behind it
         upper = address == _CAPTURE
         if upper:
-            address = order.addresses[position - 1]
-        wide = self._wide(samples, order, address) % 2**32
+            address = self._addresses[position - 1]
+        wide = self._wide(samples, address) % 2**32
         word: NDArray[np.uint16] = (wide >> 16 if upper else wide & 0xFFFF).astype(np.uint16)
         return word
 
-    def _wide(
-        self, samples: ElectricalSamples, order: StreamOrder, address: int
-    ) -> NDArray[np.int64]:
+    def _wide(self, samples: ElectricalSamples, address: int) -> NDArray[np.int64]:
         if address == _TIMER:
             index = samples.first_index + np.arange(len(samples), dtype=np.int64)
-            ticks = np.rint(index * (CORE_TIMER_HZ / order.rate_hz)).astype(np.int64)
+            ticks = np.rint(index * (scanlist.CORE_TIMER_HZ / self._rate_hz)).astype(np.int64)
             timer: NDArray[np.int64] = ticks + self.start_ticks + _TIMER_OFFSET
             return timer
         return samples.count
 
-    def _check(self, order: StreamOrder) -> None:
-        entries = len(order.addresses)
+    def _check(self) -> None:
+        entries = len(self._addresses)
         if not 1 <= entries <= 128:
             raise RefusedError(2600)
-        if not 0.0 < order.rate_hz * entries <= _LIMIT_HZ[self.wiring.model]:
+        if not 0.0 < self._rate_hz * entries <= _LIMIT_HZ[self.wiring.model]:
             raise RefusedError(2608)
-        if order.buffer_samples not in [2**n for n in range(8, 15)]:
+        if self._buffer_samples not in [2**n for n in range(8, 15)]:
             raise RefusedError(2615)
-        if not 1 <= order.samples_per_packet <= 512:
+        if not 1 <= self._samples_per_packet <= 512:
             raise RefusedError(2618)
         counter = reg.ef_count(self.wiring.counter_line).address
         known = {_LINES, _CAPTURE, _TIMER, counter}
-        for position, address in enumerate(order.addresses):
+        for position, address in enumerate(self._addresses):
             analog = address < _AIN_END and address % 2 == 0
-            after = order.addresses[position - 1] if position else 0
+            after = self._addresses[position - 1] if position else 0
             if address == _CAPTURE and after not in (_TIMER, counter):
                 raise RefusedError(2607)
             if not (analog or address in known):
