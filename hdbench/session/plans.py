@@ -336,10 +336,8 @@ def check_plan(plan: Plan, profile: ProfileData) -> None:
 def _check_devices(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
     """Ask whether something can move the motor, and whether devices and wires are fast enough."""
     acquired = [step for step in plan.steps if isinstance(step, Acquire)]
-    checks = [
-        partial(check_drives, profile, step.describe())
-        for step in [step for step in acquired if step.wave is not None][:1]
-    ]
+    moving = [step for step in acquired if step.wave is not None]
+    checks = [partial(check_drives, profile, step.describe()) for step in moving[:1]]
     periods = {step.sample_period_s: step.describe() for step in acquired}
     if plan.points:
         periods[profile.calibration.sample_period_s] = "the calibration"

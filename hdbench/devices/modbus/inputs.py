@@ -28,15 +28,14 @@ class Reading:
         Whether each sits at the end of its range.
     doubt : str
         Why it is none: a channel told that it has no reading. Empty where all are good.
-    before_s, after_s : float
+    read_s : tuple of float
         Host's clock before the first request and after the last reply, s.
     """
 
     values: tuple[float, ...]
     saturated: tuple[bool, ...]
     doubt: str
-    before_s: float
-    after_s: float
+    read_s: tuple[float, float]
 
 
 class Inputs:
@@ -61,7 +60,7 @@ class Inputs:
         """Return one reading; raises as `Access.read`."""
         before_s = time.monotonic()
         found = dict(zip(self._wanted, self._access.read(self._wanted), strict=True))
-        after_s = time.monotonic()
+        read_s = (before_s, time.monotonic())
         doubt, values, saturated = "", list[float](), list[bool]()
         for channel, info, place, (state, sign) in zip(
             self._channels, self._infos, self._places, self._words, strict=True
@@ -72,7 +71,7 @@ class Inputs:
                 number *= -1 if int(found[sign]) >> channel.sign.bit & 1 else 1
             values.append(_scaled(channel, number))
             saturated.append(not info.wrap and not info.low < values[-1] < info.high)
-        return Reading(tuple(values), tuple(saturated), doubt, before_s, after_s)
+        return Reading(tuple(values), tuple(saturated), doubt, read_s)
 
 
 def input_info(table: ModbusAcquisition, channel: ModbusChannel) -> InputInfo:
@@ -140,7 +139,7 @@ class Polling(StreamedAcquisition):
             if wait_s > WAIT_S:
                 return None
         reading = self._inputs.read()
-        read_s = (reading.before_s, reading.after_s)
+        read_s = reading.read_s
         index = max(self._next, round((0.5 * sum(read_s) - self._start_s) / self._packet_s))
         in_time = index < self._n_samples
         self._next = min(index + 1, self._n_samples)

@@ -61,13 +61,14 @@ def check_identity(commands: Commands, table: DataqAcquisition) -> Identity:
 
 def _agreed(commands: Commands, item: int) -> str:
     """Return an item that two answers in a row agree about."""
-    answers = [commands.ask(f"info {item}")]
-    while len(answers) < 4:
-        answers.append(commands.ask(f"info {item}"))
-        if answers[-1] == answers[-2]:
-            return answers[-1]
+    last = None
+    for _ in range(4):
+        answer = commands.ask(f"info {item}")
+        if answer == last:
+            return answer
+        last = answer
     raise DeviceError(
-        f"'info {item}' is answered differently every time: {answers[-1][:20]!r}",
+        f"'info {item}' is answered differently every time: {answer[:20]!r}",
         where=commands.where,
         fix="exchange the cable",
     )

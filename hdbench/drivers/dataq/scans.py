@@ -122,8 +122,7 @@ def lowest_rate_hz(model: Model, entries: int) -> float:
 def packet_code(entries: int, period_s: float) -> int:
     """Return n of the packet size 16 * 2**n bytes: the largest that fills within 25 ms."""
     n_bytes = 2.0 * entries * _PACKET_S / period_s
-    code = math.floor(math.log2(n_bytes / 16.0)) if n_bytes >= 16.0 else 0
-    return min(code, _LARGEST_CODE)
+    return max(0, min(math.floor(math.log2(n_bytes / 16.0)), _LARGEST_CODE))
 
 
 def _settings(model: Model, entries: int, total: float, decs: list[int]) -> Iterator[RateSetting]:
@@ -362,7 +361,7 @@ class LagWatch:
         self._period_s = period_s
         self._limit_s = limit_s
         self._lags: deque[float] = deque(maxlen=_WINDOW)
-        self._least_s: float | None = None
+        self._least_s = math.inf
         self._start_s: float | None = None
 
     def missing(self, delivered: int, read_s: float) -> int:
@@ -371,7 +370,7 @@ class LagWatch:
             self._start_s = read_s
         lag_s = read_s - delivered * self._period_s
         self._lags.append(lag_s)
-        self._least_s = lag_s if self._least_s is None else min(self._least_s, lag_s)
+        self._least_s = min(self._least_s, lag_s)
         behind_s = min(self._lags) - self._least_s
         allowed_s = self._limit_s + _CLOCKS * (read_s - self._start_s)
         return round(behind_s / self._period_s) if behind_s > allowed_s else 0
