@@ -18,7 +18,7 @@ from changing import with_keys
 from daqkit import Clock
 from faults.lines import emulated
 from forked import forked
-from served import read_samples
+from served import begin, read_samples
 
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.emulator.node import NodeCore, build_core
@@ -127,8 +127,7 @@ def _turn(address: str, record: object, period_s: float, amplitude_v: float) -> 
     place = Path(str(record)) if record else None
     bench_of = load_profile("cim-tr-97-06")
     with open_bench(bench_of, address=address, realtime=True, record=place) as bench:
-        bench.configure(AcquisitionSettings(period_s, 1_000_000, wave))
-        bench.start()
+        begin(bench, AcquisitionSettings(period_s, 1_000_000, wave))
         read_samples(bench, 400)
         sys.stdout.write(f"{bench.guard.pid}\n")
         sys.stdout.flush()

@@ -15,7 +15,9 @@ from hdbench.devices.bench import AcquisitionSettings, Bench, Block, SafeState
 from hdbench.devices.daq import Daq, ScanBlock
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.memory import Memory
+from hdbench.profile.schema import ReferenceWave
 
+WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 CHANNELS = ("torque_v", "tacho_v", "motor_current_a", "reference_v", "encoder_count")
 
 
@@ -54,10 +56,15 @@ def read_all(daq: Any, into: list[Any] | None = None) -> list[Any]:
     return blocks
 
 
-def acquired(daq: Any, settings: Any) -> list[Any]:
-    """Return the blocks of a whole acquisition."""
+def begin(daq: Any, settings: Any) -> None:
+    """Start an acquisition."""
     daq.configure(settings)
     daq.start()
+
+
+def acquired(daq: Any, settings: Any) -> list[Any]:
+    """Return the blocks of a whole acquisition."""
+    begin(daq, settings)
     return read_all(daq)
 
 
@@ -69,6 +76,16 @@ def values(blocks: list[ScanBlock]) -> np.ndarray:
 def lost(blocks: list[Any]) -> int:
     """Return how many samples are told as lost."""
     return sum(block.lost_before for block in blocks)
+
+
+def gaps(blocks: list[Any], n_samples: int) -> int:
+    """Hold every index as delivered or told as lost, in order; return how many are lost."""
+    expected = 0
+    for block in blocks:
+        assert block.first_index == expected + block.lost_before
+        expected = block.first_index + len(block)
+    assert expected == n_samples
+    return lost(blocks)
 
 
 def read_samples(bench: Bench, n_samples: int) -> list[Block]:
@@ -84,8 +101,7 @@ def read_samples(bench: Bench, n_samples: int) -> list[Block]:
 
 def sampled(bench: Bench, settings: AcquisitionSettings) -> SimpleNamespace:
     """Acquire so many samples and stop; return the channels, and how many samples were lost."""
-    bench.configure(settings)
-    bench.start()
+    begin(bench, settings)
     blocks = read_samples(bench, settings.n_samples)
     bench.stop()
     joined = {name: np.concatenate([getattr(b, name) for b in blocks]) for name in CHANNELS}

@@ -19,7 +19,7 @@ from changing import with_keys
 from forked import ended
 from nodekit import PROFILE, adu, driver, host, proxy, realtime_emulator, served, until
 from serial import Serial
-from served import given
+from served import WAVE, begin, given
 from stopwatch import fails
 
 from hdbench.devices.bench import AcquisitionSettings
@@ -33,11 +33,9 @@ from hdbench.devices.wire.link import FrameError, read_registers, write_register
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import BusyError, DeviceError
 from hdbench.profile import load_profile
-from hdbench.profile.schema import ReferenceWave
 from hdbench.system.lines import open_port, terminal_pair
 
 REPORT = load_profile("cim-tr-97-06").data
-WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
 @pytest.fixture
@@ -82,8 +80,7 @@ def guarded(node, tmp_path, silence_s=0.3):
 
 
 def turn(bench):
-    bench.configure(AcquisitionSettings(1e-3, 1_000_000, WAVE))
-    bench.start()
+    begin(bench, AcquisitionSettings(1e-3, 1_000_000, WAVE))
     for _ in islice(given(bench), 5):
         pass
 
@@ -227,8 +224,7 @@ def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
 
 def test_an_acquisition_without_motion_has_no_guard(tmp_path):
     with served() as node, guarded(node, tmp_path) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 1000, None))
-        bench.start()
+        begin(bench, AcquisitionSettings(1e-3, 1000, None))
         assert bench.guard is None
 
 

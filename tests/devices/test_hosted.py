@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import settings as given_settings
 from hypothesis import strategies as st
 from nodekit import until
+from served import begin
 
 from hdbench.devices import AcquisitionSettings
 from hdbench.devices.host.bench import HostedBench, SampleClock, Unwrap
@@ -31,8 +32,7 @@ def bench(daq=None, settings=SETTINGS):
 
 def started(made, asked=STILL):
     """Return a bench that samples."""
-    made.configure(asked)
-    made.start()
+    begin(made, asked)
     return made
 
 

@@ -6,7 +6,7 @@ import time
 import pytest
 from changing import with_keys
 from nodekit import realtime_emulator
-from served import read_samples
+from served import WAVE, read_samples
 from stopwatch import fails
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
@@ -17,9 +17,6 @@ from hdbench.devices.wire.link import FrameError, connect, read_registers
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import TlsFiles
-from hdbench.profile.schema import ReferenceWave
-
-WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
 class Resolver:

@@ -12,7 +12,7 @@ from daqkit import Clock
 from faults.lines import emulated
 from nodekit import PROFILE, TinyBench, codes_of, driver, served, through, until
 from pymodbus.client import ModbusTcpClient
-from served import CHANNELS, lost, not_made_safe, read_all, read_samples
+from served import CHANNELS, acquired, begin, gaps, not_made_safe, read_all, read_samples
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator
 from hdbench.devices.daq import clean_text
@@ -32,15 +32,8 @@ from hdbench.profile.schema import ReferenceWave
 WAVE = ReferenceWave(wave="constant", bias_v=0.5, amplitude_v=1.5)
 
 
-def _begin(bench, n_samples, *, period_s=1e-3, wave=WAVE):
-    bench.configure(AcquisitionSettings(period_s, n_samples, wave))
-    bench.start()
-
-
-def _acquired(bench, n_samples):
-    """Return the blocks of a whole acquisition."""
-    _begin(bench, n_samples)
-    return read_all(bench)
+def _turn(n_samples):
+    return AcquisitionSettings(1e-3, n_samples, WAVE)
 
 
 def _check_values(blocks):
@@ -52,24 +45,14 @@ def _check_values(blocks):
             np.testing.assert_array_equal(getattr(block, name), codes * step)
 
 
-def _gaps(blocks, n_samples):
-    """Every index is either delivered or counted as lost, in order; return the losses."""
-    expected = 0
-    for block in blocks:
-        assert block.first_index == expected + block.lost_before
-        expected = block.first_index + len(block)
-    assert expected == n_samples
-    return lost(blocks)
-
-
 # -- acquisition ----------------------------------------------------------------------------------
 
 
 def test_every_sample_arrives_once_with_its_value_and_wraps_are_undone():
     # 40 000 samples of -70 001 counts pass -2**31 once
     with served() as node, driver(node.host, node.port) as bench:
-        blocks = _acquired(bench, 40_000)
-    assert _gaps(blocks, 40_000) == 0
+        blocks = acquired(bench, _turn(40_000))
+    assert gaps(blocks, 40_000) == 0
     _check_values(blocks)
     assert blocks[-1].encoder_count[-1] < -(2**31)
     assert not any(block.watchdog_tripped for block in blocks)
@@ -81,10 +64,9 @@ def test_the_parameter_block_reaches_the_bench_as_written():
         wave="trapezoid", amplitude_v=2.773, frequency_hz=1 / 6, duty=0.8, rise=0.1, fall=0.1
     )
     with served(tiny) as node, driver(node.host, node.port) as bench:
-        _begin(bench, 500, period_s=2e-3, wave=wave)
+        begin(bench, AcquisitionSettings(2e-3, 500, wave))
         bench.stop()
-        _begin(bench, 7, period_s=1e-2, wave=None)
-        assert _gaps(read_all(bench), 7) == 0
+        assert gaps(acquired(bench, AcquisitionSettings(1e-2, 7, None)), 7) == 0
     (period_s, got, duration_s), (_, none, _) = tiny.begun
     assert (period_s, duration_s) == (pytest.approx(2e-3), pytest.approx(1.0))
     assert got.wave == "trapezoid"
@@ -96,13 +78,13 @@ def test_the_parameter_block_reaches_the_bench_as_written():
 
 def test_real_time_delivers_every_sample_at_the_rate_asked_for():
     with served(pace="realtime") as node, driver(node.host, node.port) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 1500, WAVE))
+        bench.configure(_turn(1500))
         start_s = time.monotonic()
         bench.start()
         blocks = read_all(bench)
         # never early by more than the tick
         assert time.monotonic() - start_s > 1.45
-    assert _gaps(blocks, 1500) == 0
+    assert gaps(blocks, 1500) == 0
     _check_values(blocks)
 
 
@@ -117,19 +99,19 @@ def test_an_unacknowledged_block_is_sent_again_bit_by_bit():
         return reply
 
     with through(mangle, deadline_s=0.3) as (bench, _, _):
-        blocks = _acquired(bench, 190)
+        blocks = acquired(bench, _turn(190))
     # all but the echo of the exchange and the checksum over it: bytes 0-1 and 20-23 of the window
     blocks_seen = [reply[4:22] + reply[26:] for reply in seen]
     assert blocks_seen[2] == blocks_seen[3]
     assert blocks_seen[4] == blocks_seen[5]
     assert len(set(blocks_seen)) == len(seen) - 2
-    assert _gaps(blocks, 190) == 0
+    assert gaps(blocks, 190) == 0
     _check_values(blocks)
 
 
 def test_overflow_is_counted_exactly_and_never_closed_up():
     with served(pace="realtime") as node, driver(node.host, node.port, watchdog_s=2.0) as bench:
-        _begin(bench, 12_000, period_s=1e-4, wave=None)
+        begin(bench, AcquisitionSettings(1e-4, 12_000, None))
         blocks = read_samples(bench, 1)
         # at 10 kHz the buffer of 4096 is full after 0.41 s
         time.sleep(0.7)
@@ -139,17 +121,17 @@ def test_overflow_is_counted_exactly_and_never_closed_up():
         # every scan is the one of its index, on either side of the gap
         torque = codes_of(block.first_index + np.arange(len(block)))[0]
         np.testing.assert_array_equal(block.torque_v, torque * (PROFILE.daq.range_v / 32768))
-    assert _gaps(blocks, 12_000) == status["samples_lost"] > 0
+    assert gaps(blocks, 12_000) == status["samples_lost"] > 0
     assert status["status_flags"] & 1
 
 
 def test_losses_at_the_very_end_are_told_before_an_empty_block():
     with served(pace="realtime") as node, driver(node.host, node.port) as bench:
         # at 10 kHz the buffer of 4096 fills after 0.41 s, the acquisition ends after 0.5 s
-        _begin(bench, 5000, period_s=1e-4, wave=None)
+        begin(bench, AcquisitionSettings(1e-4, 5000, None))
         until(lambda: bench.daq.status()["state"] in (State.TRIPPED, State.FINISHED), 3.0)
         blocks = read_all(bench)
-    assert _gaps(blocks, 5000) == 5000 - 4096
+    assert gaps(blocks, 5000) == 5000 - 4096
     assert len(blocks[-1]) == 0
     assert blocks[-1].lost_before == 5000 - 4096
 
@@ -246,7 +228,7 @@ def test_a_nan_reference_is_refused():
 @pytest.mark.parametrize("pace", ["fast", "realtime"])
 def test_a_silent_host_trips_the_watchdog_which_stops_the_motor_and_stays_tripped(pace):
     with served(pace=pace) as node, driver(node.host, node.port, watchdog_s=0.2) as bench:
-        _begin(bench, 100_000)
+        begin(bench, _turn(100_000))
         while node.core.machine.bench.velocity_rad_s < 50.0:
             bench.read_block()
         start_s = time.monotonic()
@@ -259,12 +241,12 @@ def test_a_silent_host_trips_the_watchdog_which_stops_the_motor_and_stays_trippe
         with pytest.raises(DeviceError, match=r"exception 4 .*tripped"):
             bench.start()
         # writing the parameter block again, watchdog time included, re-arms it
-        assert _gaps(_acquired(bench, 19), 19) == 0
+        assert gaps(acquired(bench, _turn(19)), 19) == 0
 
 
 def test_the_trip_shows_in_the_next_block():
     with served() as node, driver(node.host, node.port, watchdog_s=0.05) as bench:
-        _begin(bench, 100_000)
+        begin(bench, _turn(100_000))
         bench.read_block()
         until(lambda: bench.daq.status()["state"] == State.TRIPPED, 2.0)
         tripped = [block for block in read_all(bench) if block.watchdog_tripped]
@@ -273,7 +255,7 @@ def test_the_trip_shows_in_the_next_block():
 
 def test_reading_alone_does_not_feed_the_watchdog():
     with served() as node, driver(node.host, node.port, watchdog_s=0.1) as bench:
-        _begin(bench, 100_000)
+        begin(bench, _turn(100_000))
         with _client(node) as client:
             until_s = time.monotonic() + 0.5
             while time.monotonic() < until_s:
@@ -298,7 +280,7 @@ def test_a_heartbeat_that_does_not_change_does_not_feed_the_watchdog():
 
 def test_the_watchdog_rests_while_nothing_runs():
     with served() as node, driver(node.host, node.port, watchdog_s=0.05) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 19, WAVE))
+        bench.configure(_turn(19))
         time.sleep(0.2)
         assert bench.daq.status()["watchdog_trips"] == 0
 
@@ -308,7 +290,7 @@ def test_the_safe_state_is_reached_and_confirmed_from_any_state(state):
     with served() as node, driver(node.host, node.port, watchdog_s=0.1) as bench:
         if state != "idle":
             # so many that a block that is asked for twice does not end the run
-            bench.configure(AcquisitionSettings(1e-3, 4000, WAVE))
+            bench.configure(_turn(4000))
         if state in ("running", "finished", "tripped"):
             bench.start()
             bench.read_block()
@@ -334,7 +316,7 @@ def test_a_motor_that_keeps_turning_is_not_called_safe():
 
     clock = Clock()
     with served(Runaway()) as node, driver(node.host, node.port, clock=clock) as bench:
-        _begin(bench, 100_000)
+        begin(bench, _turn(100_000))
         bench.read_block()
         safe = bench.safe_state()
     assert not safe.confirmed
@@ -364,7 +346,7 @@ def test_a_start_whose_reply_is_lost_is_read_back_and_sent_once():
         return reply
 
     with through(mangle, deadline_s=0.2) as (bench, node, _):
-        assert _gaps(_acquired(bench, 190), 190) == 0
+        assert gaps(acquired(bench, _turn(190)), 190) == 0
     assert len(starts) == 1
     assert node.core.machine.starts == 1
 
@@ -372,13 +354,13 @@ def test_a_start_whose_reply_is_lost_is_read_back_and_sent_once():
 def test_a_second_host_cannot_write_but_can_read_and_stop():
     with served() as node, driver(node.host, node.port) as first:
         first.claim()
-        _begin(first, 100_000)
+        begin(first, _turn(100_000))
         first.read_block()
         with driver(node.host, node.port) as second:
             with pytest.raises(BusyError, match="session held"):
                 second.claim()
             with pytest.raises(BusyError):
-                second.configure(AcquisitionSettings(1e-3, 10, WAVE))
+                second.configure(_turn(10))
             assert second.daq.status()["session_state"] == 2
             assert second.daq.status()["state"] == State.RUNNING
             assert second.safe_state().confirmed
@@ -406,7 +388,7 @@ def test_a_session_outlives_a_lost_connection_and_ends_with_its_host():
 def test_a_reconnecting_driver_keeps_its_session():
     with through(lambda n, reply: reply if n != 10 else None, deadline_s=0.4) as (bench, *_):
         bench.claim()
-        assert _gaps(_acquired(bench, 380), 380) == 0
+        assert gaps(acquired(bench, _turn(380)), 380) == 0
         assert bench.daq.status()["session_state"] == 1
         assert bench.daq.repeats == 1
 
@@ -438,7 +420,7 @@ def test_control_characters_of_the_device_are_not_passed_on():
 
 def test_a_restarted_node_is_noticed():
     with served() as node, driver(node.host, node.port, watchdog_s=2.0) as bench:
-        _begin(bench, 100_000)
+        begin(bench, _turn(100_000))
         bench.read_block()
         # power lost and back: everything as after switching on
         fresh = build_core(TinyBench(), PROFILE, 0, pace="fast")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from forked import hdbench_process
 from nodekit import PATIENT, PROFILE, driver, host, realtime_emulator, until
-from served import read_samples, sampled
+from served import begin, read_samples, sampled
 
 from hdbench.devices import AcquisitionSettings, SimulatedOperator, open_bench, stop_bench
 from hdbench.devices.node.registers import State
@@ -125,8 +125,7 @@ def test_ctrl_c_does_not_reach_the_embedded_node():
 
 def test_a_lost_node_is_a_device_error_at_once():
     with _embedded() as (bench, node):
-        bench.configure(AcquisitionSettings(1e-3, 1_000_000, WAVE))
-        bench.start()
+        begin(bench, AcquisitionSettings(1e-3, 1_000_000, WAVE))
         os.kill(node, signal.SIGKILL)
         with pytest.raises(DeviceError):
             read_samples(bench, 1_000_000)

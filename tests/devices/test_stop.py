@@ -5,15 +5,12 @@ from contextlib import closing, contextmanager
 import pytest
 from changing import with_keys
 from nodekit import realtime_emulator
-from served import read_samples
+from served import WAVE, begin, read_samples
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.driver import open_daq
 from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile import load_profile
-from hdbench.profile.schema import ReferenceWave
-
-WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
 @contextmanager
@@ -34,8 +31,7 @@ def test_a_bench_that_nobody_runs_is_stopped_and_confirmed(name):
 
 def test_a_labjack_that_another_session_drives_is_stopped():
     with emulated("labjack-t7") as there, open_bench(there) as bench:
-        bench.configure(AcquisitionSettings(2e-3, 100_000, WAVE))
-        bench.start()
+        begin(bench, AcquisitionSettings(2e-3, 100_000, WAVE))
         read_samples(bench, 200)
         bench.fall_silent()
         safe = stop_bench(there)

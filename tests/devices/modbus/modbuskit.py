@@ -18,7 +18,8 @@ from hdbench.profile import load_profile
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
 BENCH = load_profile("cim-tr-97-06").data
-COUPLER = load_profile("di-2108-ek9000").data.daq.outputs
+# an EK9000 that answers at once
+COUPLER = load_profile("di-2108-ek9000").data.daq.outputs.model_copy(update={"reply_s": 0.0})
 TORQUE = {"role": "torque", "address": 10, "type": "f32"}
 KNOWN = {"address": 1, "type": "u16", "equals": 4660}
 OUTPUT = {"address": 50, "type": "i16", "scale": 0.001, "limit_v": 5.0}
@@ -28,6 +29,11 @@ def table(**keys: Any) -> ModbusAcquisition:
     """Return a table without a wait for replies."""
     base = {"driver": "modbus", "sample_period_s": 0.02, "reply_s": 0.0, "channels": (TORQUE,)}
     return ModbusAcquisition.model_validate({**base, **keys})
+
+
+def driving(**keys: Any) -> ModbusAcquisition:
+    """Return the table of a device that is known and has an output."""
+    return table(identify=(KNOWN,), output=OUTPUT, **keys)
 
 
 @dataclass
@@ -72,6 +78,15 @@ def driver(what: ModbusAcquisition, address: str, **changes: Any) -> closing[Mod
     """Open a driver at an address, patient as it may be."""
     update = {"address": address, "deadline_s": 0.9, **changes}
     return closing(open_modbus(BENCH, what.model_copy(update=update)))
+
+
+@contextmanager
+def opened(
+    what: ModbusAcquisition, wire: Wire = "tcp", **changes: Any
+) -> Iterator[tuple[Served, ModbusDaq]]:
+    """Serve a device and open it, with changes of the host's own table; yields both."""
+    with served(what, wire=wire) as found, driver(what, found.address, **changes) as daq:
+        yield found, daq
 
 
 def settings(n_samples: int, period_s: float = 0.02, roles: tuple[str, ...] = ("torque",)) -> Any:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from faults.lines import behind
 from faults.mangler import Mangler, RtuFraming, TcpFraming
-from modbuskit import COUPLER, KNOWN, OUTPUT, TORQUE, driver, served, settings, table
+from modbuskit import COUPLER, KNOWN, TORQUE, driver, driving, opened, served, settings, table
 from nodekit import until
 from pymodbus.client import ModbusTcpClient
-from served import given, lost, not_made_safe, read_all, swap_words
+from served import begin, gaps, given, not_made_safe, read_all, swap_words
 from stopwatch import Stopwatch
 
 from hdbench.devices.emulator.instrument import ElectricalSamples
@@ -19,13 +19,11 @@ from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError, UsageError
 
 ENCODER = {"role": "encoder", "address": 12, "type": "i32"}
-COUPLER_FAST = COUPLER.model_copy(update={"reply_s": 0.0})
 
 
 @pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
 def test_a_float_is_read_in_every_order(order):
-    made = table(channels=({**TORQUE, "order": order},))
-    with served(made) as found, driver(made, found.address) as daq:
+    with opened(table(channels=({**TORQUE, "order": order},))) as (found, daq):
         # the same reading stands for a millisecond; noise is 8 mV, eight of its deviations
         assert daq.snapshot()["torque"] == pytest.approx(found.torque_v(), abs=0.08)
 
@@ -62,8 +60,7 @@ def test_the_channels_of_one_request_are_of_one_moment():
 
 
 def test_swapped_words_are_named():
-    made = table(identify=({"address": 1, "type": "f32", "equals": 1.5},))
-    with served(made) as found, driver(made, found.address) as daq:
+    with opened(table(identify=({"address": 1, "type": "f32", "equals": 1.5},))) as (found, daq):
         swap_words(found.device.memory)
         with pytest.raises(DeviceError, match="words swapped: order CDAB"):
             daq.identity()
@@ -78,8 +75,8 @@ def test_a_register_that_the_device_does_not_have_is_the_profile_s_fault():
 
 
 def test_settings_are_written_only_where_they_differ():
-    made = table(identify=(KNOWN,), init=({"address": 70, "type": "u16", "value": 82.0},))
-    with served(made) as found, driver(made, found.address) as daq:
+    init = {"address": 70, "type": "u16", "value": 82.0}
+    with opened(table(identify=(KNOWN,), init=(init,))) as (found, daq):
         daq.configure(settings(3))
         daq.configure(settings(3))
         assert [pdu.hex() for pdu in found.written] == ["0600460052"]
@@ -87,8 +84,7 @@ def test_settings_are_written_only_where_they_differ():
 
 @pytest.mark.parametrize("wire", ["tcp", "udp", "rtu", "rtu+tcp", "ascii"])
 def test_after_a_lost_connection_another_device_at_the_address_is_never_written_to(wire):
-    made = table(identify=(KNOWN,), output=OUTPUT, channels=(TORQUE, ENCODER))
-    with served(made, wire=wire) as found, driver(made, found.address) as daq:
+    with opened(driving(channels=(TORQUE, ENCODER)), wire) as (found, daq):
         daq.identity()
         daq.write_output("reference", 1.0)
         daq._access._link.close()
@@ -105,8 +101,7 @@ def test_after_a_lost_connection_another_device_at_the_address_is_never_written_
 
 
 def test_after_a_lost_connection_a_device_without_the_known_register_is_another_one():
-    made = table(identify=(KNOWN,), output=OUTPUT)
-    with served(made) as found, driver(made, found.address) as daq:
+    with opened(driving()) as (found, daq):
         daq.identity()
         daq._access._link.close()
         found.call(lambda: found.device.memory._cells.pop(("holding", 1)))
@@ -116,13 +111,12 @@ def test_after_a_lost_connection_a_device_without_the_known_register_is_another_
 
 
 def test_a_reading_comes_every_period_with_its_time():
-    with served(table()) as found, driver(table(), found.address) as daq:
+    with opened(table()) as (_, daq):
         daq.configure(settings(12))
         start_s = time.monotonic()
         daq.start()
         blocks = read_all(daq)
-    assert [b.first_index for b in blocks] == sorted({b.first_index for b in blocks})
-    assert sum(map(len, blocks)) + lost(blocks) == 12
+    gaps(blocks, 12)
     for block in blocks:
         if len(block):
             due_s = start_s + 0.02 * block.first_index
@@ -132,19 +126,13 @@ def test_a_reading_comes_every_period_with_its_time():
 
 
 def test_a_device_that_is_silent_loses_samples_that_are_counted():
-    with served(table()) as found, driver(table(), found.address, deadline_s=0.4) as daq:
-        daq.configure(settings(30))
-        daq.start()
+    with opened(table(), deadline_s=0.4) as (found, daq):
+        begin(daq, settings(30))
         blocks = [next(given(daq))]
         pause_s = time.monotonic() + 0.1
         found.call(lambda: setattr(found.device, "hears", lambda _: time.monotonic() > pause_s))
         read_all(daq, blocks)
-    assert lost(blocks) >= 4
-    index = 0
-    for block in blocks:
-        assert block.first_index == index + block.lost_before
-        index = block.first_index + len(block)
-    assert index == 30
+    assert gaps(blocks, 30) >= 4
 
 
 @pytest.mark.parametrize(
@@ -152,30 +140,27 @@ def test_a_device_that_is_silent_loses_samples_that_are_counted():
     [({"invalid": (32767.0,)}, 32767.0), ({"status": {"address": 20, "mask": 6, "good": 2}}, 4.0)],
 )
 def test_a_reading_that_the_device_calls_invalid_is_lost_not_delivered(extra, value):
-    made = table(channels=({**TORQUE, "type": "i16", "scale": 0.001, **extra},))
-    with served(made) as found, driver(made, found.address) as daq:
+    channel = {**TORQUE, "type": "i16", "scale": 0.001, **extra}
+    with opened(table(channels=(channel,))) as (found, daq):
         cells = found.device.memory._cells
         cell = cells[("holding", 20 if "status" in extra else 10)]
         good, cell.on_read = cell.on_read, lambda: value
         # a busy machine may hold the reading up for half a second
-        daq.configure(settings(30))
-        daq.start()
+        begin(daq, settings(30))
         for _ in range(40):
             assert daq.read_block() is None
             if len(found.requests) > 5:
                 break
         cell.on_read = good
         blocks = read_all(daq)
-    assert sum(map(len, blocks)) + lost(blocks) == 30
-    assert lost(blocks) >= 3
+    assert gaps(blocks, 30) >= 3
     assert all(abs(b.values).max() < 32.0 for b in blocks if len(b))
 
 
 def test_a_sign_in_another_register_is_taken_along():
     sign = {"address": 20, "bit": 7}
     channel = {**TORQUE, "type": "u32", "scale": 1e-4, "sign": sign, "low": -10.0, "high": 10.0}
-    made = table(channels=(channel,))
-    with served(made) as found, driver(made, found.address) as daq:
+    with opened(table(channels=(channel,))) as (found, daq):
         cells = found.device.memory._cells
         cells["holding", 10].on_read = lambda: 12345.0
         for word, volts in ((128.0, -1.2345), (1.0, 1.2345)):
@@ -184,8 +169,7 @@ def test_a_sign_in_another_register_is_taken_along():
 
 
 def test_an_output_is_written_within_its_limits_and_read_back():
-    made = table(identify=(KNOWN,), output=OUTPUT)
-    with served(made) as found, driver(made, found.address) as daq:
+    with opened(driving()) as (found, daq):
         assert daq.write_output("reference", 1.2344) == pytest.approx(1.234)
         assert found.instrument.reference_v == pytest.approx(1.234)
         assert found.written[-1].hex() == "06003204d2"
@@ -197,10 +181,9 @@ def test_an_output_is_written_within_its_limits_and_read_back():
 
 
 def test_a_write_whose_echo_is_wrong_counts_by_what_stands_there():
-    made = table(identify=(KNOWN,), output=OUTPUT)
-    with served(made) as found:
+    with served(driving()) as found:
         mangler = Mangler("echo", TcpFraming(), seed=1)
-        with behind(found.address, mangler) as near, driver(made, near, deadline_s=0.3) as daq:
+        with behind(found.address, mangler) as near, driver(driving(), near, deadline_s=0.3) as daq:
             assert daq.write_output("reference", 2.0) == pytest.approx(2.0)
             assert mangler.changed == 1
             # sent once all the same
@@ -211,7 +194,7 @@ def test_a_write_whose_echo_is_wrong_counts_by_what_stands_there():
 
 
 def test_the_watchdog_stops_the_motor_when_nobody_feeds_it():
-    with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address) as daq:
+    with opened(COUPLER) as (found, daq):
         daq.configure(settings(1, roles=()))
         assert daq.arm_watchdog(0.2) == pytest.approx(0.2)
         daq.write_output("reference", 1.0)
@@ -232,7 +215,7 @@ def test_the_watchdog_stops_the_motor_when_nobody_feeds_it():
 
 
 def test_the_safe_state_is_reached_from_motion():
-    with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address) as daq:
+    with opened(COUPLER) as (found, daq):
         daq.configure(settings(1, roles=()))
         daq.arm_watchdog(1.0)
         daq.write_output("reference", 1.0)
@@ -245,7 +228,7 @@ def test_the_safe_state_is_reached_from_motion():
 
 
 def test_the_safe_state_is_not_confirmed_when_nobody_answers():
-    with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address, deadline_s=0.1) as daq:
+    with opened(COUPLER, deadline_s=0.1) as (found, daq):
         daq.configure(settings(1, roles=()))
         found.call(lambda: setattr(found.device, "hears", lambda _: False))
         assert "no valid reply" in not_made_safe(daq).detail
@@ -283,7 +266,7 @@ def test_a_deadline_too_short_for_a_serial_line_is_refused():
 
 
 def test_another_device_is_never_written_to_not_even_to_make_it_safe():
-    what = table(identify=(KNOWN,), output=OUTPUT, init=({"address": 70, "value": 5.0},))
+    what = driving(init=({"address": 70, "value": 5.0},))
     wrong = what.identify[0].model_copy(update={"equals": 7})
     with served(what) as device:
         with driver(what, device.address, identify=(wrong,)) as daq:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from modbuskit import BENCH as PROFILE
-from modbuskit import KNOWN, OUTPUT, TORQUE, driver, served, table
+from modbuskit import KNOWN, driving, opened, served, table
 from stopwatch import fails
 
 from hdbench.devices.guard.order import as_json, order_of
@@ -25,7 +25,7 @@ from hdbench.errors import DeviceError
 
 WIRES = ("tcp", "udp", "rtu+tcp", "rtu", "ascii")
 
-BENCH = table(identify=(KNOWN,), output=OUTPUT, channels=(TORQUE,))
+BENCH = driving()
 # what a scheduler adds to a deadline, s
 SLACK_S = 0.3
 READ, CHECK = read_registers(7, 2)
@@ -40,7 +40,7 @@ def stopping(found, **changes):
 
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_device_is_read_driven_and_made_safe_on_every_wire(wire):
-    with served(BENCH, wire=wire) as found, driver(BENCH, found.address) as daq:
+    with opened(BENCH, wire) as (found, daq):
         assert found.address.startswith(f"{wire}://")
         assert daq.identity().simulated
         # noise is 8 mV, eight of its deviations
@@ -89,7 +89,7 @@ def test_the_guard_knows_a_device_by_every_rule_and_writes_to_no_other(rule, val
 
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_device_that_is_silent_ends_a_call_at_its_deadline(wire):
-    with served(BENCH, wire=wire) as found, driver(BENCH, found.address, deadline_s=0.8) as daq:
+    with opened(BENCH, wire, deadline_s=0.8) as (found, daq):
         daq.identity()
         found.call(lambda: setattr(found.device, "hears", lambda _: False))
         with fails(DeviceError, "no valid reply in time", within_s=0.8 + SLACK_S):

@@ -59,6 +59,16 @@ def driver(what: DataqAcquisition, address: str, **changes: Any) -> closing[Data
     return closing(open_dataq(BENCH, what.model_copy(update=update)))
 
 
+@contextmanager
+def opened(
+    what: DataqAcquisition | None = None, speed: float = 1.0
+) -> Iterator[tuple[Served, DataqDaq]]:
+    """Serve an instrument, a DI-2108 unless told, and open it; yields both."""
+    what = what or table()
+    with served(what, speed=speed) as found, driver(what, found.address) as daq:
+        yield found, daq
+
+
 def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = ROLES) -> DaqSettings:
     """Return an acquisition."""
     return DaqSettings(roles, period_s, n_samples, 1.0)  # type: ignore[arg-type]

@@ -7,11 +7,11 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from dataqkit import BENCH, ROLES, driver, served, settings, table
+from dataqkit import BENCH, ROLES, driver, opened, served, settings, table
 from faults.lines import faulty_serial
 from faults.mangler import Mangler, RawFraming
 from nodekit import until
-from served import acquired, given, lost, read_all, values
+from served import acquired, begin, gaps, given, read_all, values
 
 from hdbench.drivers.dataq import port as serial_port
 from hdbench.drivers.dataq.port import Commands, Port
@@ -21,13 +21,11 @@ from hdbench.system.lines import terminal_pair
 
 
 def test_every_sample_of_a_stream_arrives_in_order_at_its_rate():
-    with served(table(), speed=4.0) as found, driver(table(), found.address) as daq:
+    with opened(speed=4.0) as (_, daq):
         assert daq.configure(settings(4000)) == pytest.approx(1e-3)
         daq.start()
         blocks = read_all(daq)
-    firsts = np.cumsum([0, *map(len, blocks)])
-    assert [block.first_index for block in blocks] == firsts[:-1].tolist()
-    assert (firsts[-1], lost(blocks)) == (4000, 0)
+    assert gaps(blocks, 4000) == 0
     torque = values(blocks)[:, 0]
     # white noise of 7.6 mV: one sample given twice or one mean for all would not have it
     assert np.std(torque) == pytest.approx(0.05 / 6.6, rel=0.1)
@@ -38,7 +36,7 @@ def test_every_sample_of_a_stream_arrives_in_order_at_its_rate():
 def test_every_model_streams_what_stands_at_its_terminals(model):
     roles = ("torque", "tacho", "reference")
     made = table(model, roles)
-    with served(made, speed=2.0) as found, driver(made, found.address) as daq:
+    with opened(made, 2.0) as (found, daq):
         found.call(lambda: found.instrument.write_reference(1.25))
         read = values(acquired(daq, settings(300, roles=roles)))
         assert daq.identity().model == model
@@ -50,8 +48,7 @@ def test_every_model_streams_what_stands_at_its_terminals(model):
 
 def test_a_slow_di_2008_is_slow():
     roles = ("torque", "tacho")
-    made = table("DI-2008", roles)
-    with served(made) as found, driver(made, found.address) as daq:
+    with opened(table("DI-2008", roles)) as (_, daq):
         assert daq.capabilities().max_rate_hz(2) == pytest.approx(800 / 3 / 4)
         daq.configure(settings(10, 0.03, roles))
         start_s = time.monotonic()
@@ -61,8 +58,7 @@ def test_a_slow_di_2008_is_slow():
 
 
 def test_an_average_is_one_of_the_instrument():
-    made = table("DI-4108", average=10)
-    with served(made, speed=2.0) as found, driver(made, found.address) as daq:
+    with opened(table("DI-4108", average=10), 2.0) as (_, daq):
         torque = values(acquired(daq, settings(2000)))[:, 0]
     # the mean of ten samples has a third of their noise
     assert np.std(torque) == pytest.approx(0.05 / 6.6 / np.sqrt(10), rel=0.1)
@@ -84,7 +80,7 @@ def test_a_port_is_open_for_one_program_only():
 
 
 def test_it_drives_nothing_and_says_so():
-    with served(table()) as found, driver(table(), found.address) as daq:
+    with opened() as (_, daq):
         able = daq.capabilities()
         assert (able.drives, able.guarded) == (False, False)
         with pytest.raises(DeviceError, match="no analog output"):
@@ -93,13 +89,12 @@ def test_it_drives_nothing_and_says_so():
 
 
 def test_a_snapshot_reads_the_terminals_and_a_run_goes_on_after_it():
-    with served(table()) as found, driver(table(), found.address) as daq:
+    with opened() as (found, daq):
         found.call(lambda: found.instrument.write_reference(2.0))
         assert daq.snapshot()["reference"] == pytest.approx(2.0, abs=1e-3)
-        daq.configure(settings(50))
-        daq.start()
+        begin(daq, settings(50))
         assert daq.snapshot() == {}
-        assert sum(map(len, read_all(daq))) == 50
+        assert gaps(read_all(daq), 50) == 0
         assert daq.snapshot()["reference"] == pytest.approx(2.0, abs=1e-3)
 
 
@@ -107,8 +102,7 @@ def test_a_stream_that_a_dead_host_left_is_stopped_first():
     with served(table()) as found:
         found.device.buffer_samples = 10**9  # it goes on however long nobody reads
         with driver(table(), found.address) as first:
-            first.configure(settings(100_000))
-            first.start()
+            begin(first, settings(100_000))
             next(given(first))
         assert found.device.scanning
         with driver(table(), found.address) as second:
@@ -135,10 +129,9 @@ def _lose(device, count):
 )
 def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(fault):
     """Bytes that vanish, or a digital input that is not left alone."""
-    with served(table()) as found, driver(table(), found.address) as daq:
+    with opened() as (found, daq):
         found.call(lambda: found.instrument.write_reference(3.0))
-        daq.configure(settings(100_000))
-        daq.start()
+        begin(daq, settings(100_000))
         blocks = list(islice(given(daq), 5))
         found.call(lambda: fault(found.device))
         with pytest.raises(DeviceError, match="is marked 0x"):
@@ -147,9 +140,8 @@ def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(fault):
 
 
 def test_a_host_that_does_not_read_is_told_of_the_overflow():
-    with served(table()) as found, driver(table(), found.address) as daq:
-        daq.configure(settings(100_000))
-        daq.start()
+    with opened() as (found, daq):
+        begin(daq, settings(100_000))
         tick = found.device.tick
         found.call(lambda: setattr(found.device, "tick", lambda *, blocked: tick(blocked=True)))
         with pytest.raises(DeviceError, match="buffer ran over after"):
@@ -204,8 +196,7 @@ def test_an_instrument_that_is_unplugged_ends_the_run():
 
 def test_the_counter_follows_the_encoder_in_both_directions():
     roles = ("tacho", "encoder")
-    made = table(roles=roles)
-    with served(made, speed=4.0) as found, driver(made, found.address) as daq:
+    with opened(table(roles=roles), 4.0) as (found, daq):
         daq.configure(settings(4000, roles=roles))
         found.call(lambda: found.instrument.write_enable(on=True))
         daq.start()
@@ -224,8 +215,7 @@ def test_the_counter_follows_the_encoder_in_both_directions():
 
 
 def test_roles_keep_their_order():
-    made = table()
-    with served(made) as found, driver(made, found.address) as daq:
+    with opened() as (found, daq):
         found.call(lambda: found.instrument.write_reference(1.0))
         read = values(acquired(daq, settings(40, roles=("reference", "torque"))))
     assert read.shape == (40, 2)

@@ -7,7 +7,7 @@ from typing import Any
 
 from daqkit import Clock
 from faults.lines import in_thread
-from served import InThread
+from served import InThread, begin
 
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.driver import open_daq
@@ -36,6 +36,30 @@ class Served(InThread):
     @property
     def device(self) -> LabJackDevice:
         return self.server.device
+
+    def noted_writes(self) -> list[int]:
+        """Return the list in which the device notes the address of every write from now on."""
+        addresses: list[int] = []
+        write = self.device.memory.write
+        self.device.memory.write = lambda space, at, raw: (
+            addresses.append(at),
+            write(space, at, raw),
+        )[1]
+        return addresses
+
+    def noted_samples(self) -> list[ElectricalSamples]:
+        """Return the list in which the device notes what it samples while it streams."""
+        taken: list[ElectricalSamples] = []
+        take = self.instrument.take
+
+        def noting(count: int) -> ElectricalSamples:
+            samples = take(count)
+            if self.instrument.sampling:
+                taken.append(samples)
+            return samples
+
+        self.instrument.take = noting
+        return taken
 
 
 @contextmanager
@@ -72,8 +96,7 @@ def claimed(*, speed: float = 1.0, **changes: Any) -> Iterator[tuple[Served, Lab
 def streaming(n_samples: int, **keys: Any) -> Iterator[tuple[Served, LabJackDaq]]:
     """Serve a device, claim it and start an acquisition; yields device and driver."""
     with claimed(**keys) as (device, daq):
-        daq.configure(settings(n_samples))
-        daq.start()
+        begin(daq, settings(n_samples))
         yield device, daq
 
 
@@ -84,32 +107,7 @@ def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = RO
 
 def turning(daq: LabJackDaq, n_samples: int, reference_v: float) -> None:
     """Start an acquisition with the watchdog armed and the motor on."""
-    daq.configure(settings(n_samples))
-    daq.start()
+    begin(daq, settings(n_samples))
     daq.arm_watchdog(1.0)
     daq.enable(on=True)
     daq.write_output("reference", reference_v)
-
-
-def noted_writes(device: Served) -> list[int]:
-    """Return the list in which the device notes the address of every write from now on."""
-    addresses: list[int] = []
-    memory = device.device.memory
-    write = memory.write
-    memory.write = lambda space, at, raw: (addresses.append(at), write(space, at, raw))[1]
-    return addresses
-
-
-def noted_samples(device: Served) -> list[ElectricalSamples]:
-    """Return the list in which the device notes what it samples while it streams."""
-    taken: list[ElectricalSamples] = []
-    take = device.instrument.take
-
-    def noting(count: int) -> ElectricalSamples:
-        samples = take(count)
-        if device.instrument.sampling:
-            taken.append(samples)
-        return samples
-
-    device.instrument.take = noting
-    return taken

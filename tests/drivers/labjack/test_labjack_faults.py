@@ -1,23 +1,15 @@
 """The driver when wire or device misbehave: nothing wrong is delivered, deadlines hold."""
 
 import time
-from contextlib import closing
+from contextlib import closing, nullcontext
 
 import numpy as np
 import pytest
 from faults.lines import behind
 from faults.mangler import Mangler, TcpFraming
-from labjackkit import (
-    claimed,
-    driver,
-    noted_samples,
-    noted_writes,
-    served,
-    settings,
-    streaming,
-)
+from labjackkit import claimed, driver, served, settings, streaming
 from nodekit import until
-from served import acquired, disturb, lost, read_all, values
+from served import acquired, begin, disturb, gaps, lost, read_all, values
 
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import connect
@@ -31,7 +23,7 @@ from hdbench.errors import DeviceError
 def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
     register = SESSION[0]
     with served() as device:
-        writes = noted_writes(device)
+        writes = device.noted_writes()
         mangler = Mangler(kind, TcpFraming(), seed=2)
         with behind(f"tcp://{device.host}:{device.port}", mangler) as near:
             control = Control(connect(parse_address(near)), deadline_s=0.1)
@@ -51,6 +43,8 @@ SPOILT = {
     "status": lambda fifth, sixth: [fifth[:12] + b"\x12\x34" + fifth[14:], sixth],
     "garbage": lambda fifth, sixth: [b"\xde\xad\xbe" + fifth, sixth],
 }
+# samples that are lost in those that are told as such; the others end the stream
+COUNTED = {"drop": 40, "duplicate": 0}
 
 
 @pytest.mark.parametrize("name", SPOILT)
@@ -63,32 +57,23 @@ def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
             return SPOILT[name](*passed[4:])
         return [] if len(passed) == 5 else [packet]
 
-    with served(speed=4.0) as device, driver(device.port) as daq:
+    with claimed(speed=4.0) as (device, daq):
         tick = device.device.stream.tick
         device.device.stream.tick = lambda *, blocked: [
             changed for packet in tick(blocked=blocked) for changed in spoilt(packet)
         ]
-        taken = noted_samples(device)
-        daq.claim()
-        daq.configure(settings(400))
-        daq.start()
-        blocks, error = [], None
-        try:
+        taken, blocks = device.noted_samples(), []
+        begin(daq, settings(400))
+        with nullcontext() if name in COUNTED else pytest.raises(DeviceError):
             read_all(daq, blocks)
-        except DeviceError as told:
-            error = told
         true = np.concatenate([samples.volts["torque"] for samples in taken])
         for block in blocks:
             there = true[block.first_index : block.first_index + len(block)]
-            assert np.max(np.abs(block.values[:, 0] - there), initial=0.0) < 2e-4, name
-        counted = sum(map(len, blocks)) + lost(blocks)
-        if name in ("drop", "duplicate"):
-            assert error is None
-            assert counted == 400
-            assert lost(blocks) == (40 if name == "drop" else 0)
+            assert np.max(np.abs(block.values[:, 0] - there), initial=0.0) < 2e-4
+        if name in COUNTED:
+            assert gaps(blocks, 400) == COUNTED[name]
         else:
-            assert error is not None
-            assert counted < 400
+            assert sum(map(len, blocks)) + lost(blocks) < 400
 
 
 def _be_away(device, until) -> None:
@@ -106,20 +91,14 @@ def _be_away(device, until) -> None:
 
 @pytest.mark.parametrize("count_joint", [False, True])
 def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
-    with served(speed=10.0) as device, driver(device.port, auto_recover=True) as daq:
+    with streaming(4000, speed=10.0, auto_recover=True) as (device, daq):
         device.device.stream.count_joint = count_joint
-        daq.claim()
-        daq.configure(settings(4000))
-        daq.start()
         blocks = [block for _ in range(5) if (block := daq.read_block()) is not None]
         _be_away(device, lambda stream: (stream._skipped or 0) >= 200)
         blocks += read_all(daq)
         (gap,) = [block.lost_before for block in blocks if block.lost_before]
         assert 100 < gap < 2000
-        assert sum(map(len, blocks)) + gap == 4000
-        # the samples after the gap are those of their time: the torque's own noise is the key
-        ends = [b.first_index + len(b) for b in blocks]
-        assert [b.first_index - b.lost_before for b in blocks[1:]] == ends[:-1]
+        assert gaps(blocks, 4000) == gap
 
 
 def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
