@@ -1,10 +1,4 @@
-"""Makes the helpers beside the tests importable; nothing stays open, emulators are forks."""
+"""Nothing stays open, emulators are forks."""
 
-import sys
-from pathlib import Path
-
-HELPERS = ("tests/devices", "tests/devices/modbus", "tests/plant", "tools")
-sys.path[:0] = [str(Path(__file__).parents[2] / folder) for folder in HELPERS]
-
-from forked import warm_emulators  # noqa: E402, F401
-from leftovers import nothing_stays_open, patient_control  # noqa: E402, F401
+from forked import warm_emulators  # noqa: F401
+from leftovers import nothing_stays_open, patient_control  # noqa: F401

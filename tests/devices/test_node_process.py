@@ -145,16 +145,24 @@ def test_a_wire_that_only_polled_devices_speak_reaches_no_node(address):
         stop_bench(PROFILE, address=address)
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, stop):
+@pytest.mark.parametrize(
+    ("words", "place", "stop"),
+    [
+        ((), "tcp://127.0.0.1:", signal.SIGINT),
+        ((), "tcp://127.0.0.1:", signal.SIGTERM),
+        (("--rtu",), "rtu:///dev/", signal.SIGTERM),
+    ],
+)
+def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, words, place, stop):
     record = tmp_path / "states.jsonl"
-    words = ["emulate", "--json", "--record", record]
+    words = ["emulate", "--json", "--record", record, *words]
     with hdbench_process(words, stdout=PIPE, stderr=PIPE) as process:
         try:
             told = json.loads(process.stdout.readline())
             assert told["schema"] == "hdbench/emulator/1"
+            assert told["address"].startswith(place)
             with open_bench(PATIENT, address=told["address"]) as bench:
-                sampled(bench, AcquisitionSettings(1e-3, 50, WAVE))
+                sampled(bench, AcquisitionSettings(4e-3, 50, WAVE))
                 assert bench.safe_state().confirmed
             process.send_signal(stop)
             rest, noise = process.communicate(timeout=60)

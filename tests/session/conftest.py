@@ -1,15 +1,11 @@
-"""Make the fake bench importable beside the tests that use it; close their journals."""
+"""Emulators are forks; no journal stays open."""
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from forked import warm_emulators  # noqa: F401
 
 from hdbench.records.journal import JournalWriter
-
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "tools")]
 
 
 @pytest.fixture(autouse=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from changing import with_keys
 from fakes import FakeOperator, quiet
+from served import begin, sampled
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening
 from hdbench.devices.emulator.process import running_emulator
@@ -89,14 +90,7 @@ def test_a_simulated_operator_calibrates_every_emulator_by_its_channel(name, tmp
 
 
 def torque_v(bench) -> float:
-    bench.configure(AcquisitionSettings(0.02, 20, None))
-    bench.start()
-    volts: list[float] = []
-    while len(volts) < 20:
-        block = bench.read_block()
-        volts += [] if block is None else [*block.torque_v, *([0.0] * block.lost_before)]
-    bench.stop()
-    return sum(volts) / 20
+    return sampled(bench, AcquisitionSettings(0.02, 20, None)).torque_v.mean()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -121,8 +115,7 @@ def test_the_channel_refuses_what_no_hand_can_do_and_whoever_reaches_into_a_node
             with pytest.raises(DeviceError, match="out of its domain"):
                 bench.simulation.set(fixture={**right, **wrong})
             bench.simulation.set(fixture=right)
-        bench.configure(AcquisitionSettings(1e-3, 100_000, None))
-        bench.start()
+        begin(bench, AcquisitionSettings(1e-3, 100_000, None))
         with pytest.raises(DeviceError, match="acquisition is running"):
             bench.simulation.set(fixture=right)
 

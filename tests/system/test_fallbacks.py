@@ -13,15 +13,13 @@ import types
 import pytest
 from changing import with_keys
 from serial import Serial
+from served import WAVE, sampled
 
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.opening import _at
 from hdbench.profile import load_profile
-from hdbench.profile.schema import ReferenceWave
 from hdbench.system import files, keyboard, lines, processes, sockets
-
-WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
 @pytest.fixture
@@ -170,16 +168,9 @@ def test_a_serial_node_moves_and_stops_by_pyserial_alone(polled):
         running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found,
         open_bench(_at(data, found)) as bench,
     ):
-        bench.configure(AcquisitionSettings(data.daq.sample_period_s, 400, WAVE))
-        bench.start()
-        taken = 0
-        until_s = time.monotonic() + 60.0
-        while taken < 400 and time.monotonic() < until_s:
-            block = bench.read_block()
-            taken += len(block) if block else 0
-        bench.stop()
+        got = sampled(bench, AcquisitionSettings(data.daq.sample_period_s, 400, WAVE))
         safe = bench.safe_state()
-    assert taken == 400
+    assert (len(got.torque_v), got.lost) == (400, 0)
     assert safe.confirmed, safe.detail
 
 

@@ -1,12 +1,6 @@
 """hdbench where POSIX is missing: the experiments, a person, a stop, all over TCP."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
 from portability import ForeignSystem, program
 
 SEEN = """
