@@ -1,5 +1,6 @@
 """Only the bench that this process started is simulated; a device's own word moves no motor."""
 
+import csv
 import json
 import socket
 import threading
@@ -9,12 +10,14 @@ from pathlib import Path
 import pytest
 from changing import with_keys
 from fakes import FakeOperator, quiet
-from served import begin, sampled
+from served import begin
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.errors import DeviceError, UsageError
+from hdbench.plant.fixture import shunt_volts
 from hdbench.profile import load_profile
+from hdbench.profile.calibrating import ShuntCheck
 from hdbench.profile.schema import ReferenceWave
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.calibrating.conversation import Unattended
@@ -23,6 +26,7 @@ from hdbench.session.stop import Aborted
 WAVE = ReferenceWave(
     wave="trapezoid", amplitude_v=2.773, frequency_hz=0.25, duty=0.8, rise=0.1, fall=0.1
 )
+SHUNT = ShuntCheck(resistor_ohm=100_000.0)
 NAMES = ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000", "seneca-z-sg"]
 
 
@@ -36,6 +40,7 @@ def quick(name: str, found):
     data = opening._at(profile.data, found)
     calibration = {"positions": 1, "directions": ("cw",), "average_s": 0.5}
     calibration |= {"ranges": ("full",), "full_masses_kg": (0.0, 8.0)}
+    calibration |= {"shunt": SHUNT}
     ripple = {"duration_s": 4.0, "reference": WAVE}
     return replace(profile, data=with_keys(data, calibration=calibration, ripple=ripple))
 
@@ -81,26 +86,17 @@ def test_the_motion_of_a_bench_with_a_control_channel_is_asked_for(tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_simulated_operator_calibrates_every_emulator_by_its_channel(name, tmp_path):
     with emulator(name) as found:
+        profile = quick(name, found)
         talk = Unattended(lambda _: None)
         options = BenchOptions(tmp_path, control=str(found["control"]), talk=talk)
-        result = run_experiment("calibration", quick(name, found), options, quiet)
-    gain = result.result.to_json()["gain_nm_per_v"]["value"]
+        run = run_experiment("calibration", profile, options, quiet)
+    gain = run.result.to_json()["gain_nm_per_v"]["value"]
     # the plant as modelled has the profile's gain, each clamping its own by some per mille
-    assert gain == pytest.approx(load_profile(name).data.sensor.gain_nm_per_v, rel=0.03)
-
-
-def torque_v(bench) -> float:
-    return sampled(bench, AcquisitionSettings(0.02, 20, None)).torque_v.mean()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_shunt_by_the_channel_reaches_the_bridge(name):
-    with open_bench(load_profile(name)) as bench:
-        before = torque_v(bench)
-        handling = {"swing_rad": 0.0, "release_s": 0.0, "shunt_ohm": 100_000.0}
-        bench.simulation.set(handling=handling)
-        # 350 ohm or so against 100 kohm: some 0.1 % of the bridge's supply, times 1000
-        assert abs(torque_v(bench) - before) > 0.5
+    assert gain == pytest.approx(profile.data.sensor.gain_nm_per_v, rel=0.03)
+    rows = csv.DictReader((run.folder.path / "sequence.csv").read_text().splitlines())
+    _, rest, shunt, *_ = (row["reading_v"] for row in rows)
+    expected_v = shunt_volts(profile.data, SHUNT.resistor_ohm)
+    assert float(shunt) - float(rest) == pytest.approx(expected_v, rel=0.01)
 
 
 NO_HAND = [{"position_rad": float("nan")}, {"mass_kg": -1.0}, {"direction": 2}, {"locked": 7}]
