@@ -13,14 +13,14 @@ from hdbench.profile import load_profile
 
 ROOT = Path(__file__).parents[2]
 DAQ = '[daq]\ndriver = "example-bridge"\naddress = "embedded"\nsample_period_s = 0.1\n'
-# a short calibration: 1 position, 2 directions, 3 weights up and down
+# a short calibration: 1 position, 1 direction, 2 weights up and down
 SHORT = {
     "positions = 4": "positions = 1",
+    'directions = ["cw", "ccw"]': 'directions = ["cw"]',
     'ranges = ["low", "full"]': 'ranges = ["full"]',
     "full_masses_kg = [0.0, 2.0, 4.0, 6.0, 8.0]": "full_masses_kg = [0.0, 4.0, 8.0]",
+    "average_s = 1.0": "average_s = 0.5",
 }
-
-
 # several command lines in one process: most of its time it imports
 SCRIPT = """
 import io, json, sys
