@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from rich.text import Text
+from runkit import write_run
 
 from hdbench.errors import HdbenchError
 from hdbench_cli import main as main_module
@@ -132,3 +133,15 @@ def test_problems_are_counted_in_plain_english(count, words, capsys):
     told = capsys.readouterr().err
     assert told.count("fix: give 2") == count
     assert words in told
+
+
+@pytest.mark.parametrize("command", ["run-ripple", "run-misalignment"])
+def test_even_a_dry_run_refuses_an_expired_calibration(command, tmp_path, hdbench):
+    gain = {"gain_nm_per_v": {"value": 6.6, "std": 0.08, "dof": 3.0}}
+    ended = "2001-01-01T00:00:00Z"
+    old = write_run(tmp_path / "old", "calibration", gain, ended_utc=ended)
+    words = (command, "--calibration", old, "--out", tmp_path / "runs", "--yes")
+    for more in ((), ("--dry-run",)):
+        assert "--allow-expired" in hdbench(*words, *more, code=4)[1]
+    assert not (tmp_path / "runs").exists()
+    assert "EXPIRED" in hdbench(*words, "--dry-run", "--allow-expired")[0]

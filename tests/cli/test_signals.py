@@ -164,3 +164,39 @@ def test_ctrl_c_before_a_command_listens_leaves_no_traceback():
     assert done.stderr == "stopped\n"
     # an uncaught interrupt ends the process by its own signal: a shell says 130
     assert done.returncode == -signal.SIGINT
+
+
+# the signal comes while an object is cleared away: what is raised there is dropped by Python
+CLEARING = """
+import os, signal, sys, time, weakref
+from hdbench_cli import main
+
+# at once: the signal is sent again while the main thread still deals with the lost one
+main._AGAIN_S = 0.0
+
+# tests that run in the background are born deaf to Ctrl-C
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Thing: pass
+
+main.end_by_signals()
+thing = Thing()
+hook = weakref.ref(thing, lambda _: os.kill(os.getpid(), int(sys.argv[1])))
+del thing
+time.sleep(float(sys.argv[2]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("signum", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, -2)]
+)
+def test_a_signal_that_comes_while_something_is_cleared_away_is_not_lost(signum, code):
+    done = ended([sys.executable, "-c", CLEARING, int(signum), 50])
+    assert done.returncode == code
+    assert "ignored" not in done.stderr
+
+
+def test_what_else_python_cannot_raise_is_told_as_ever():
+    script = CLEARING.replace("os.kill(os.getpid(), int(sys.argv[1]))", "1 / 0")
+    done = ended([sys.executable, "-c", script, 0, 0])
+    assert "ZeroDivisionError" in done.stderr

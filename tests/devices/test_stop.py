@@ -1,14 +1,21 @@
-"""Anybody can stop any bench, with or without a run on it."""
+"""Anybody can stop any bench, with or without a run on it, on a line that another host has."""
 
+import threading
 from contextlib import closing, contextmanager
 
 import pytest
 from changing import with_keys
+from faults import lines, replies
 from nodekit import realtime_emulator
+from serial import Serial
 from served import WAVE, begin, read_samples
 
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.driver import open_daq
+from hdbench.devices.emulator.node import build_core
+from hdbench.devices.node import registers as reg
+from hdbench.devices.node.access import span
+from hdbench.devices.wire.link import read_registers
 from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile import load_profile
 
@@ -88,3 +95,48 @@ def test_outputs_stand_before_anybody_waits_for_the_line_of_the_inputs(monkeypat
             assert daq.write_output("reference", 1.0) == pytest.approx(1.0, abs=0.01)
         stop_bench(there)
     assert seen == [pytest.approx(0.0, abs=0.01)]
+
+
+# the guard's look at a node: 52 bytes, which no read of the stop has
+STATUS = read_registers(*span(reg.STATUS))[0]
+
+
+def _served(strange):
+    """Serve a node whose first replies are those to another host's questions."""
+    core = build_core(replies.CountingBench(), replies.PROFILE, 0, pace="fast")
+    answer, left = core.answer, iter(range(strange))
+
+    def late(pdu, connection, transaction=0):
+        return answer(pdu if next(left, None) is None else STATUS, connection, transaction)
+
+    core.answer = late
+    return lines.emulated(core, "rtu")
+
+
+def test_a_stop_waits_past_the_late_replies_of_another_host():
+    with _served(strange=12) as address:
+        assert stop_bench(replies.PROFILE, address=address).confirmed
+
+
+def test_a_stop_on_a_line_where_nobody_else_ever_ends_says_so_in_time(monkeypatch):
+    monkeypatch.setattr("hdbench.devices.opening._OTHERS_S", 0.5)
+    with (
+        _served(strange=10_000) as address,
+        pytest.raises(DeviceError, match="a reply of 52 bytes"),
+    ):
+        stop_bench(replies.PROFILE, address=address)
+
+
+def test_a_stop_waits_for_a_guard_that_has_the_line():
+    with _served(strange=0) as address:
+        other = Serial(address.removeprefix("rtu://"), timeout=0, exclusive=True)
+        leaves = threading.Timer(0.5, other.close)
+        leaves.start()
+        assert stop_bench(replies.PROFILE, address=address).confirmed
+        leaves.join()
+
+
+def test_a_port_that_is_not_there_is_told_at_once(monkeypatch):
+    monkeypatch.setattr("hdbench.devices.opening._OTHERS_S", 600.0)
+    with pytest.raises(DeviceError, match="serial port failed"):
+        stop_bench(replies.PROFILE, address="rtu:///dev/no-such-port")

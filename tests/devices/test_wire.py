@@ -8,12 +8,14 @@ from contextlib import closing, contextmanager, nullcontext
 from functools import partial
 
 import pytest
+from daqkit import ScriptedLine
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nodekit import adu, node_wire, rogue
 from stopwatch import SLACK_S, fails
 
-from hdbench.devices.node.registers import FEED, IDENTITY, PARAMETERS, STATUS, register
+from hdbench.devices.node.access import NodeAccess
+from hdbench.devices.node.registers import FEED, IDENTITY, LIMITS, PARAMETERS, STATUS, register
 from hdbench.devices.wire.link import ExceptionReply, FrameError, registers_check
 from hdbench.devices.wire.rtu import crc16
 from hdbench.devices.wire.tcp import next_reply
@@ -274,3 +276,19 @@ def test_the_checksum_of_a_serial_frame_is_that_of_the_specification_bit_by_bit(
     assert crc16(data) == value.to_bytes(2, "little")
     # a frame with its checksum leaves nothing
     assert crc16(data + crc16(data)) == b"\0\0"
+
+
+@pytest.mark.parametrize(
+    "call",
+    [lambda wire: wire.read(LIMITS), lambda wire: wire.write_once(COMMAND, b"\0\1")],
+    ids=["read", "write"],
+)
+def test_the_reason_of_a_refusal_is_asked_for_in_what_is_left(call):
+    """A deadline is a moment on the clock: nothing that is tried within it begins it anew."""
+    line = ScriptedLine(2, 2, takes_s=0.09)
+    wire = NodeAccess(line, deadline_s=0.2, clock=line)
+    end_s = line.now_s + 0.2 + 1e-9
+    with pytest.raises(DeviceError, match="refused"):
+        call(wire)
+    assert len(line.untils_s) == 2, "the request, and why it was refused"
+    assert max(*line.untils_s, line.now_s) <= end_s

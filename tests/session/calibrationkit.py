@@ -1,7 +1,7 @@
 """A calibration without a wire: a scripted person, hands that set the fake bench, a journal."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from changing import with_keys
@@ -20,15 +20,15 @@ LEVER = PROFILE.arm.gravity_m_s2 * PROFILE.arm.length_m
 GAIN = PROFILE.sensor.gain_nm_per_v
 
 
+@dataclass
 class FakeHands:
     """Hangs weights on the fake bench; `wrong` maps a point to the mass hung at first."""
 
-    def __init__(self, bench: FakeBench, wrong: dict[int, float] | None = None) -> None:
-        self.bench = bench
-        self.wrong = wrong or {}
-        self.changes: list[dict[str, float]] = []
-        self.restored: list[dict[str, float]] = []
-        self.shunts: list[bool] = []
+    bench: FakeBench
+    wrong: dict[int, float] = field(default_factory=dict)
+    changes: list[dict[str, float]] = field(default_factory=list)
+    restored: list[dict[str, float]] = field(default_factory=list)
+    shunts: list[bool] = field(default_factory=list)
 
     def mount(self, *, locked: bool, position_rad: float) -> None:
         self._set(0.0)
@@ -99,6 +99,7 @@ def make_walk(
     points=None,
 ) -> CalibrationWalk:
     """Return a walk over the journal in `folder`, resumed where there is one."""
+    folder.mkdir(exist_ok=True)
     bench = bench or FakeBench()
     plan = Plan("calibration", tuple(points or calibration_points(profile)), 0.0)
     journal, content = opened(folder)

@@ -1,5 +1,7 @@
 """A bench without a wire: logs every call, fails on demand, knows whether its motor turns."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -44,26 +46,25 @@ def task_in(path: Path, plan: Plan, *, profile=WHOLE, stop=None, content=None) -
     return Task(*asked, *scaled, folder, stop or StopSignals(), quiet, content)
 
 
+@dataclass
 class FakeBench:
-    def __init__(self, *, fail_at: str | None = None, after: int = 0, hook=None) -> None:
-        self.fail_at = fail_at
-        self.after = after
-        self.hook = hook
-        self.calls: list[str] = []
-        self.simulation = SimpleNamespace(embedded=True)
-        self.moving = False
-        self.confirms = True
-        self.index = 0
-        self.settings: AcquisitionSettings | None = None
-        self.level_v = 0.0
-        self.count = 0
-        self.velocity_v = 1.0
-        self.lose_at: int | None = None
+    fail_at: str | None = None
+    after: int = 0
+    hook: Callable[["FakeBench", str], None] = lambda _bench, _name: None
+    moving: bool = False
+    confirms: bool = True
+    index: int = 0
+    settings: AcquisitionSettings | None = None
+    level_v: float = 0.0
+    count: int = 0
+    velocity_v: float = 1.0
+    lose_at: int | None = None
+    calls: list[str] = field(default_factory=list)
+    simulation = SimpleNamespace(embedded=True)
 
     def _call(self, name: str) -> None:
         self.calls.append(name)
-        if self.hook is not None:
-            self.hook(self, name)
+        self.hook(self, name)
         if name == self.fail_at and self.calls.count(name) > self.after:
             raise DeviceError(f"{name} failed", where="fake", fix="none")
 
@@ -121,11 +122,11 @@ class FakeBench:
         self.calls.append("close")
 
 
+@dataclass
 class FakeOperator:
-    def __init__(self, bench: FakeBench, *, refuse: str | None = None) -> None:
-        self.bench = bench
-        self.refuse = refuse
-        self.asked: list[str] = []
+    bench: FakeBench
+    refuse: str | None = None
+    asked: list[str] = field(default_factory=list)
 
     def _answer(self, what: str) -> bool:
         self.asked.append(what)

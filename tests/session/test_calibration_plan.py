@@ -6,9 +6,9 @@ from collections import Counter
 
 import pytest
 from changing import with_keys
+from fakes import WHOLE
 
 from hdbench.errors import DataError
-from hdbench.profile import load_profile
 from hdbench.profile.calibrating import ShuntCheck
 from hdbench.session.calibrating.plan import (
     calibration_plan,
@@ -17,7 +17,7 @@ from hdbench.session.calibrating.plan import (
     write_points,
 )
 
-PROFILE = load_profile("cim-tr-97-06").data
+PROFILE = WHOLE.data
 
 
 def of(role: str, preset: str) -> list:

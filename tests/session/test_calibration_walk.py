@@ -93,7 +93,6 @@ def test_a_skipped_point_is_left_out_and_back_opens_it_again(tmp_path):
     assert [r.mass_kg for r in loads(tmp_path).readings] == [0.0, 0.5, 0.5, 0.0]
     assert walk.log.state.skipped == {4}
     other = tmp_path / "other"
-    other.mkdir()
     # from the last zero back over the 0.5 kg on the way down to the 1 kg that was skipped
     answers = [("Hang 1 kg", Answer.SKIP), ("5 of 5", Answer.BACK), ("4 of 5", Answer.BACK)]
     walked(other, talk=Scripted(answers))
@@ -103,7 +102,6 @@ def test_a_skipped_point_is_left_out_and_back_opens_it_again(tmp_path):
 def test_keys_while_the_reading_settles_are_obeyed(tmp_path):
     for key, taken in ((Answer.ACCEPT, 5), (Answer.REPEAT, 5), (Answer.SKIP, 4), (Answer.BACK, 6)):
         folder = tmp_path / key.value
-        folder.mkdir()
         talk = Scripted()
         # the fake settles in ten blocks: nine looks for each point, the 25th is at the third
         talk.keys = {25: key}
@@ -235,7 +233,6 @@ def test_quitting_at_any_question_loses_nothing_and_asks_nothing_twice(tmp_path,
 def test_a_kill_at_any_byte_of_the_journal_loses_no_accepted_reading(tmp_path):
     talk = Scripted([("Hang 1 kg", Answer.REPEAT), ("4 of 5", Answer.BACK)])
     whole = tmp_path / "whole"
-    whole.mkdir()
     walked(whole, talk=talk)
     raw = (whole / "journal.hdj").read_bytes()
     # every 307th byte: a prime, so that cuts fall everywhere in a block

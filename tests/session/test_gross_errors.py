@@ -3,8 +3,8 @@
 import math
 
 import pytest
+from fakes import WHOLE
 
-from hdbench.profile import load_profile
 from hdbench.session.calibrating.plan import calibration_points
 from hdbench.session.calibrating.plausibility import (
     Expectation,
@@ -13,7 +13,7 @@ from hdbench.session.calibrating.plausibility import (
     weights_of,
 )
 
-PROFILE = load_profile("cim-tr-97-06").data
+PROFILE = WHOLE.data
 LEVER = 9.80650 * 0.5  # N m per kg
 GAIN = 6.6
 WEIGHTS = weights_of(calibration_points(PROFILE))

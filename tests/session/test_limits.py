@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from fakes import WHOLE
 
 from hdbench.devices.bench import Block
 from hdbench.errors import DeviceError
-from hdbench.profile import load_profile
 from hdbench.session.limits import HeldTorque, LimitWatch, SpeedWatch
 from hdbench.session.stop import Aborted
 
-LIMITS = load_profile("cim-tr-97-06").data.limits
+LIMITS = WHOLE.data.limits
 
 
 def block(n=4, lost=0, first=100, absent=()):

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from changing import with_keys
+from fakes import WHOLE
 from faults.lines import behind, emulated
 from faults.mangler import Mangler, TcpFraming
 
@@ -16,13 +17,10 @@ from hdbench.devices.emulator.node import build_core
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
-from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Observation, observe
 from hdbench.session.recorder import Frame
 from hdbench.session.stop import StopSignals
-
-PROFILE = load_profile("cim-tr-97-06")
 
 
 class Seen:
@@ -41,7 +39,7 @@ class Seen:
 
 
 def look(
-    watcher: object, duration_s: float | None = None, stop=None, profile=PROFILE, **named
+    watcher: object, duration_s: float | None = None, stop=None, profile=WHOLE, **named
 ) -> Observation:
     scale, model = profile_scale(profile), preset("report-6", profile.data)
     told = {"address": None, "plant": "as-modelled", "seed": 0, **named}
@@ -81,14 +79,14 @@ def test_the_drive_stays_disabled_and_no_run_is_left(tmp_path, monkeypatch):
     told = found.channels
     assert told["reference_v"]["max"] == 0.0
     # one count of the encoder: nothing turned
-    turn = 2.0 * np.pi / PROFILE.data.encoder.counts_per_turn
+    turn = 2.0 * np.pi / WHOLE.data.encoder.counts_per_turn
     assert told["motor_angle_rad"]["max"] - told["motor_angle_rad"]["min"] <= turn
     assert sum(len(f.columns["time_s"]) for f in seen.frames) == 300
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_bench_without_an_encoder_is_watched_by_what_it_has():
-    bare = replace(PROFILE, data=with_keys(PROFILE.data, daq={"channels": ("torque", "tacho")}))
+    bare = replace(WHOLE, data=with_keys(WHOLE.data, daq={"channels": ("torque", "tacho")}))
     told = look(Seen(), 0.1, profile=bare).channels
     assert told["torque_nm"]["n"] == 100
     assert told["motor_angle_rad"]["n"] == 0
@@ -104,7 +102,7 @@ def test_a_signal_ends_it_with_the_bench_safe():
 
 def test_what_looks_on_is_told_how_often_the_driver_asked_again():
     """One reply in twenty is lost; the count comes from the driver, through block and frame."""
-    profile = PROFILE.data
+    profile = WHOLE.data
     spoiler = Mangler("drop", TcpFraming(), share=0.0, seed=1)
     with ExitStack() as stack:
         core = build_core(
@@ -115,7 +113,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again():
         seen = Seen(partial(setattr, spoiler, "share", 0.05))
         # two replies in a row may be lost, or come late on a busy machine
         patient = with_keys(profile, daq={"deadline_s": 1.0, "watchdog_s": 2.0})
-        patient = replace(PROFILE, data=patient)
+        patient = replace(WHOLE, data=patient)
         found = look(seen, 1.5, profile=patient, address=address, plant="")
     assert found.samples == 1500
     retries = [frame.retries for frame in seen.frames]

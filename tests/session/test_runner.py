@@ -1,16 +1,19 @@
-"""The runner makes the bench safe on every way out and keeps what came."""
+"""The runner makes the bench safe on every way out, keeps what came, and tells what is not safe."""
 
 import signal
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes import FakeBench, FakeOperator, opened, task_in
+from fakes import WHOLE, FakeBench, FakeOperator, opened, quiet, task_in
 
-from hdbench.errors import DeviceError
+from hdbench.errors import BusyError, DataError, DeviceError, UnsafeError
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.counted import survey_samples
 from hdbench.records.journal import read_journal
+from hdbench.records.jsonfile import read_json
+from hdbench.session import BenchOptions, run, run_experiment
 from hdbench.session.plans import Acquire, Lock, Plan
 from hdbench.session.runner import Runner
 from hdbench.session.stop import Aborted, StopRequested, StopSignals
@@ -124,3 +127,42 @@ def test_an_acquisition_that_is_done_is_not_taken_again(tmp_path):
     run.run()
     assert bench.calls == ["safe_state"]
     assert len(run.records()) == 200
+
+
+# what happens while the motor turns, whether the bench is safe afterwards; then what is told, and
+# the status of the run
+ENDS = [
+    (DeviceError, False, UnsafeError, "COULD NOT BE CONFIRMED.*after: it failed", "incomplete"),
+    (BusyError, False, UnsafeError, "COULD NOT BE CONFIRMED.*after: it failed", "aborted"),
+    (DataError, False, UnsafeError, "COULD NOT BE CONFIRMED.*after: it failed", "aborted"),
+    (DeviceError, True, DeviceError, "it failed", "incomplete"),
+    (RuntimeError, False, UnsafeError, "CONFIRMED.*after: RuntimeError: a bug", "incomplete"),
+    (RuntimeError, True, RuntimeError, "a bug", "incomplete"),
+]
+
+
+@pytest.mark.parametrize(("failure", "safe", "told", "words", "status"), ENDS)
+def test_an_unsafe_bench_is_told_before_the_error_and_what_came_is_kept(
+    monkeypatch, tmp_path, failure, safe, told, words, status
+):
+    bug = RuntimeError("a bug")
+    error = bug if failure is RuntimeError else failure("it failed", where="fake", fix="none")
+
+    def fail(bench: FakeBench, name: str) -> None:
+        if name == "read_block" and bench.calls.count(name) == 3:
+            raise error
+
+    bench = FakeBench(hook=fail)
+    bench.confirms = safe
+
+    monkeypatch.setattr(run, "open_bench", lambda *_, **__: nullcontext(bench))
+    monkeypatch.setattr(run, "SimulatedOperator", FakeOperator)
+    with pytest.raises(told, match=words):
+        run_experiment("ripple", WHOLE, BenchOptions(tmp_path), quiet)
+    assert bench.calls[-1] == "safe_state"
+    (file,) = tmp_path.glob("*/run.json")
+    manifest = read_json(file)
+    assert manifest["status"] == status
+    # after a bug the journal alone is sure
+    assert "trace.csv" in manifest["files"] or failure is RuntimeError
+    assert not (file.parent / ".reserve").exists()

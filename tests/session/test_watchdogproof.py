@@ -3,22 +3,21 @@
 import math
 
 import pytest
+from fakes import WHOLE
 
 from hdbench.devices.bench import SafeState
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.profile import load_profile
 from hdbench.session.stop import StopSignals
 from hdbench.session.watchdogproof import _judged, creep_rad_s, prove_watchdog
 
-PROFILE = load_profile("cim-tr-97-06")
 SAFE = SafeState(True, 0.0, 0.0, "safe")
 
 
 def test_a_node_whose_watchdog_works_is_proven():
-    with running_emulator(PROFILE.data, plant="as-modelled", seed=0, pace="realtime") as found:
-        proof = prove_watchdog(PROFILE, StopSignals(), address=found["address"])
+    with running_emulator(WHOLE.data, plant="as-modelled", seed=0, pace="realtime") as found:
+        proof = prove_watchdog(WHOLE, StopSignals(), address=found["address"])
     assert proof.proven, proof.detail
-    assert proof.creep_rad_s == pytest.approx(creep_rad_s(PROFILE.data), rel=0.1)
+    assert proof.creep_rad_s == pytest.approx(creep_rad_s(WHOLE.data), rel=0.1)
     assert abs(proof.after_rad_s) < 0.5
     assert proof.safe.confirmed
 

@@ -1,11 +1,13 @@
-"""Deadlines of a transaction, on a clock that goes when told."""
+"""Deadlines of a transaction, on a clock that goes when told; a write that is read back."""
 
 import pytest
 from daqkit import ScriptedLine
-from modbuskit import table
+from modbuskit import KNOWN, OUTPUT, table
 
 from hdbench.devices.modbus.access import Access
+from hdbench.devices.modbus.outputs import Outputs
 from hdbench.devices.registers import Register
+from hdbench.devices.transactor import Transactor
 from hdbench.devices.wire.link import FrameError
 from hdbench.errors import DeviceError, ProfileError
 
@@ -106,3 +108,45 @@ def test_a_write_that_the_device_has_taken_is_not_sent_again():
     line = Line(5, 5, "good")
     # a read moves nothing: it is asked again
     assert line.access(numbered=True).read([PLACE]) == [4242]
+
+
+class LosingAccess:
+    """Holds one register; every write is lost, and so is its answer."""
+
+    where = "nowhere"
+    error, _place = Transactor.error, Transactor._place
+
+    def __init__(self, value):
+        self.value = value
+
+    def write(self, place, value, function=None):
+        raise DeviceError("no answer", where="nowhere", fix="none") from FrameError("lost")
+
+    def read(self, places):
+        return [self.value]
+
+    def pause(self):
+        pass
+
+
+def outputs(held, **keys):
+    made = table(identify=(KNOWN,), output={**OUTPUT, **keys})
+    return Outputs(LosingAccess(held), made, made.output)
+
+
+@pytest.mark.parametrize("held", [999, 1001, 0])
+def test_a_write_that_was_lost_is_not_believed_for_its_neighbour(held):
+    with pytest.raises(DeviceError, match="reads back"):
+        outputs(held).write(1.0)
+
+
+@pytest.mark.parametrize("wanted_v", [1.0, 1.0004, 0.9996])
+def test_what_stands_there_already_was_written_whatever_the_answer(wanted_v):
+    assert outputs(1000).write(wanted_v) == pytest.approx(1.0)
+
+
+def test_a_register_of_its_own_may_show_the_step_beside():
+    shown = outputs(1001, read_back={"address": 300, "type": "i16", "table": "input"})
+    assert shown.write(1.0) == pytest.approx(1.001)
+    with pytest.raises(DeviceError, match="reads back"):
+        outputs(1002, read_back={"address": 300, "type": "i16", "table": "input"}).write(1.0)
