@@ -1,8 +1,10 @@
-"""Profiles with some keys changed."""
+"""The report's bench, and profiles with some keys changed."""
 
 from typing import Any
 
-from hdbench.profile import ProfileData
+from hdbench.profile import ProfileData, load_profile
+
+REPORT = load_profile("cim-tr-97-06").data
 
 
 def with_keys(data: ProfileData, **tables: dict[str, Any]) -> ProfileData:

@@ -4,14 +4,13 @@ import struct
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from changing import with_keys
+from changing import REPORT, with_keys
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import Capabilities, InputInfo, ScanBlock, WatchdogInfo, WatchdogState
 from hdbench.devices.feasibility import HostSettings
 from hdbench.devices.wire.link import ExceptionReply, FrameError
 from hdbench.errors import DeviceError
-from hdbench.profile import load_profile
 from hdbench.profile.acquiring import OutputChannel
 
 TACHO = 50.0
@@ -32,7 +31,7 @@ ABLE = Capabilities(
     watchdog=WatchdogInfo(0.1, 5.0, "write", ("reference", "enable")),
 )
 PROFILE = with_keys(
-    load_profile("cim-tr-97-06").data,
+    REPORT,
     limits={"velocity_rad_s": 400.0, "torque_nm": 60.0, "current_a": 10.0},
     tacho={"gain_rad_s_per_v": TACHO},
     sensor={"gain_nm_per_v": 6.6},

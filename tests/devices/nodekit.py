@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from changing import with_keys
+from changing import REPORT, with_keys
 from daqkit import Clock
 from faults.lines import emulated
 from forked import forked
@@ -30,14 +30,12 @@ from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.wire.address import parse_address
 from hdbench.devices.wire.link import connect
 from hdbench.plant.converter import RawSamples
-from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 
-_REPORT = load_profile("cim-tr-97-06").data
 # how often `until` looks, s
 _GRAIN_S = 0.005
 # an encoder so fine that its counts between two samples need more than 16 bits
-PROFILE = with_keys(_REPORT, encoder={"counts_per_turn": 2_000_000})
+PROFILE = with_keys(REPORT, encoder={"counts_per_turn": 2_000_000})
 # a bench at an address, where another process takes the processor for a while
 PATIENT = with_keys(PROFILE, daq={"deadline_s": 1.5, "watchdog_s": 2.0})
 VELOCITY_PER_VOLT = PROFILE.servo.velocity_gain_rad_s_per_v
@@ -125,8 +123,7 @@ def _turn(address: str, record: object, period_s: float, amplitude_v: float) -> 
     """Turn a motor for ever; say the number of the guard once 400 samples have come."""
     wave = ReferenceWave(wave="constant", amplitude_v=amplitude_v)
     place = Path(str(record)) if record else None
-    bench_of = load_profile("cim-tr-97-06")
-    with open_bench(bench_of, address=address, realtime=True, record=place) as bench:
+    with open_bench(REPORT, address=address, realtime=True, record=place) as bench:
         begin(bench, AcquisitionSettings(period_s, 1_000_000, wave))
         read_samples(bench, 400)
         sys.stdout.write(f"{bench.guard.pid}\n")

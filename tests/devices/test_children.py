@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from changing import with_keys
+from changing import REPORT, with_keys
 from forked import ended
 
 from hdbench.devices.emulator import process
@@ -13,7 +13,6 @@ from hdbench.devices.guard.order import order_of
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 
-DATA = load_profile("cim-tr-97-06").data
 SHADOWS = ("signal", "json", "asyncio", "struct", "pathlib", "site", "subprocess", "select")
 RUN = """
 import sys
@@ -59,7 +58,7 @@ def test_modules_of_the_users_folder_are_no_standard_library(folder):
 
 def test_a_driver_that_the_guard_calls_is_not_shadowed_either(folder):
     order = order_of(load_profile("seneca-z-sg").data)
-    nobody = with_keys(DATA, daq={"address": "tcp://127.0.0.1:1"})
+    nobody = with_keys(REPORT, daq={"address": "tcp://127.0.0.1:1"})
     told = nobody.model_dump_json(exclude_none=True)
     environment = {**os.environ, "PYTHONPATH": str(folder)}
     done = ended(order.command, input=told, cwd=folder, env=environment)
@@ -84,7 +83,7 @@ def test_an_emulator_that_says_a_lot_is_not_held_up(monkeypatch):
         "runpy.run_module('hdbench.devices.emulator', run_name='__main__')",
     )
     monkeypatch.setattr(process, "_START_S", 30.0)
-    with process.running_emulator(DATA, plant="as-modelled", seed=0, pace="fast") as found:
+    with process.running_emulator(REPORT, plant="as-modelled", seed=0, pace="fast") as found:
         assert str(found["address"]).startswith("tcp://")
 
 
@@ -94,6 +93,6 @@ def test_why_an_emulator_did_not_start_is_the_last_it_said(monkeypatch):
     )
     with (
         pytest.raises(DeviceError, match="exit code 1: no such luck"),
-        process.running_emulator(DATA, plant="as-modelled", seed=0, pace="fast"),
+        process.running_emulator(REPORT, plant="as-modelled", seed=0, pace="fast"),
     ):
         pass

@@ -15,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
-from changing import with_keys
+from changing import REPORT, with_keys
 from forked import ended
 from nodekit import PROFILE, adu, driver, host, proxy, realtime_emulator, served, until
 from serial import Serial
@@ -34,8 +34,6 @@ from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import BusyError, DeviceError
 from hdbench.profile import load_profile
 from hdbench.system.lines import open_port, terminal_pair
-
-REPORT = load_profile("cim-tr-97-06").data
 
 
 @pytest.fixture

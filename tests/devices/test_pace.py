@@ -1,20 +1,18 @@
 """A device that is too slow is told from the profile alone, before anything is opened."""
 
 import pytest
-from changing import with_keys
+from changing import REPORT, with_keys
 
 from hdbench.devices.driver import driver_of
 from hdbench.devices.feasibility import check_pace
 from hdbench.errors import UsageError
-from hdbench.profile import load_profile
 
-DATA = load_profile("cim-tr-97-06").data
 THREE = ("torque", "tacho", "encoder")
 ALL = ("torque", "tacho", "current", "reference", "encoder")
 
 
 def at(address, channels=ALL):
-    return with_keys(DATA, daq={"address": address, "channels": channels})
+    return with_keys(REPORT, daq={"address": address, "channels": channels})
 
 
 def rate_limit_hz(table):

@@ -2,18 +2,18 @@
 
 from typing import Any
 
-from changing import with_keys
+from changing import REPORT, with_keys
 
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.converter import RawSamples
 from hdbench.plant.plantfile import PlantFile, PlantSpec, load_plant
-from hdbench.profile import ProfileData, load_profile
+from hdbench.profile import ProfileData
 from hdbench.profile.schema import ReferenceWave
 
 
 def profile(**changes: dict[str, Any]) -> ProfileData:
     """Return the report's bench with keys of its tables replaced."""
-    return with_keys(load_profile("cim-tr-97-06").data, **changes)
+    return with_keys(REPORT, **changes)
 
 
 def quiet_profile(**changes: dict[str, Any]) -> ProfileData:

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from changing import REPORT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from hdbench.plant.servo import ServoLoop, motor_current_a
-from hdbench.profile import load_profile
 
 LOOP = ServoLoop(2.0 * math.pi * 15.0, 2500.0)
 
@@ -52,7 +52,7 @@ def test_mean_acceleration_is_the_gain_in_speed():
 
 
 def test_current_reaches_its_limit_at_the_acceleration_limit():
-    servo = load_profile("cim-tr-97-06").data.servo
+    servo = REPORT.servo
     still = np.zeros(3)
     current = motor_current_a(servo, np.array([2500.0, -1250.0, 9999.0]), still)
     # products of three numbers: rounding

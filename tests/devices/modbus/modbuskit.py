@@ -5,6 +5,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from changing import REPORT
 from faults.lines import in_thread
 from served import InThread
 
@@ -17,7 +18,6 @@ from hdbench.devices.modbus.driver import ModbusDaq, open_modbus
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
-BENCH = load_profile("cim-tr-97-06").data
 # an EK9000 that answers at once
 COUPLER = load_profile("di-2108-ek9000").data.daq.outputs.model_copy(update={"reply_s": 0.0})
 TORQUE = {"role": "torque", "address": 10, "type": "f32"}
@@ -59,7 +59,7 @@ class Served(InThread):
 @contextmanager
 def served(what: ModbusAcquisition, *, wire: Wire = "tcp") -> Iterator[Served]:
     """Serve a device; every request it hears is kept."""
-    instrument = Emulation(BENCH, "as-modelled", 3).instrument
+    instrument = Emulation(REPORT, "as-modelled", 3).instrument
     device = ModbusDevice(instrument, what, amperes_per_v=1.0)
     server = ModbusServer(device, wire)
     with in_thread(server.open, server.close) as (loop, address):
@@ -77,7 +77,7 @@ def served(what: ModbusAcquisition, *, wire: Wire = "tcp") -> Iterator[Served]:
 def driver(what: ModbusAcquisition, address: str, **changes: Any) -> closing[ModbusDaq]:
     """Open a driver at an address, patient as it may be."""
     update = {"address": address, "deadline_s": 0.9, **changes}
-    return closing(open_modbus(BENCH, what.model_copy(update=update)))
+    return closing(open_modbus(REPORT, what.model_copy(update=update)))
 
 
 @contextmanager

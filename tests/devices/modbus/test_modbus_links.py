@@ -7,9 +7,9 @@ import threading
 import time
 
 import pytest
+from changing import REPORT
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from modbuskit import BENCH as PROFILE
 from modbuskit import KNOWN, driving, opened, served, table
 from stopwatch import fails
 
@@ -35,7 +35,7 @@ REPLY = bytes.fromhex("0304 0102 0304".replace(" ", ""))
 def stopping(found, **changes):
     """Return the guard's order to stop a device, as its process reads it."""
     daq = BENCH.model_copy(update={"address": found.address, **changes})
-    return json.loads(as_json(stop_target(PROFILE, daq)))
+    return json.loads(as_json(stop_target(REPORT, daq)))
 
 
 @pytest.mark.parametrize("wire", WIRES)
@@ -258,4 +258,4 @@ def test_the_guard_reaches_a_polled_device_on_every_wire(wire):
     """Its process has the standard library and the libraries of the wire alone."""
     with served(BENCH, wire=wire) as found:
         daq = BENCH.model_copy(update={"address": found.address})
-        GuardProcess(order_of(PROFILE.model_copy(update={"daq": daq})), 5.0).end()
+        GuardProcess(order_of(REPORT.model_copy(update={"daq": daq})), 5.0).end()

@@ -5,6 +5,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from changing import REPORT
 from faults.lines import in_thread
 from served import InThread
 
@@ -14,9 +15,7 @@ from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.dataq.driver import DataqDaq, open_dataq
 from hdbench.drivers.dataq.emulator import DataqDevice, EmulatedDataq, emulate_dataq
 from hdbench.drivers.dataq.table import DataqAcquisition
-from hdbench.profile import load_profile
 
-BENCH = load_profile("cim-tr-97-06").data
 ROLES = ("torque", "tacho", "current", "reference")
 
 
@@ -46,7 +45,7 @@ class Served(InThread):
 @contextmanager
 def served(what: DataqAcquisition, *, speed: float = 1.0) -> Iterator[Served]:
     """Serve an instrument on a pseudo-terminal."""
-    emulation = Emulation(BENCH, "as-modelled", 3)
+    emulation = Emulation(REPORT, "as-modelled", 3)
     emulation.speed = speed
     instrument, line = emulation.instrument, emulate_dataq(emulation, what)
     with in_thread(lambda: line.open(EmulatorSettings()), line.close) as (loop, found):
@@ -56,7 +55,7 @@ def served(what: DataqAcquisition, *, speed: float = 1.0) -> Iterator[Served]:
 def driver(what: DataqAcquisition, address: str, **changes: Any) -> closing[DataqDaq]:
     """Open a driver at an address, patient as it may be."""
     update = {"address": address, "deadline_s": 0.9, **changes}
-    return closing(open_dataq(BENCH, what.model_copy(update=update)))
+    return closing(open_dataq(REPORT, what.model_copy(update=update)))
 
 
 @contextmanager

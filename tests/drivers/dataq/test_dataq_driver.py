@@ -7,7 +7,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from dataqkit import BENCH, ROLES, driver, opened, served, settings, table
+from changing import REPORT
+from dataqkit import ROLES, driver, opened, served, settings, table
 from faults.lines import faulty_serial
 from faults.mangler import Mangler, RawFraming
 from nodekit import until
@@ -206,8 +207,8 @@ def test_the_counter_follows_the_encoder_in_both_directions():
         blocks = [block for block in blocks if block is not None] + read_all(daq)
     read = values(blocks)
     turns = (read[:, 1] + 2**31) % 2**32 - 2**31
-    speed = read[:, 0] * BENCH.tacho.gain_rad_s_per_v
-    angle = np.cumsum(speed) * 1e-3 * BENCH.encoder.counts_per_turn / (2.0 * np.pi)
+    speed = read[:, 0] * REPORT.tacho.gain_rad_s_per_v
+    angle = np.cumsum(speed) * 1e-3 * REPORT.encoder.counts_per_turn / (2.0 * np.pi)
     assert np.max(turns) > 200 > 0 > np.min(np.diff(turns))
     # an edge is 4 counts; the sum of 4000 noisy speeds is good to 0.06 * sqrt(4000) ms = 3 counts;
     # around the reversal a few edges may have the other sign
