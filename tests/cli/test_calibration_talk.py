@@ -41,10 +41,14 @@ def resume(out: Path) -> Person:
     return Person(["runs", "resume", path, "--no-report"])
 
 
-def set_up(person: Person) -> None:
+def set_up(bench: str, out: Path) -> Person:
+    """Calibrate until the first weight is to be hung."""
+    person = calibrate(bench, out)
     person.answer("Lock the wave generator", "\n")
     person.answer("position 1 of 1", "\n")
     person.answer(r"\[1 of 6\] bridge at rest", "\n")
+    person.wait_for(r"\[3 of 6\].*Hang 0.5 kg.*\n  > ")
+    return person
 
 
 def loads(out: Path) -> list[str]:
@@ -61,9 +65,8 @@ def check_kept(out: Path, readings: int) -> None:
 
 
 def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench, out):
-    person = calibrate(bench, out)
-    set_up(person)
-    person.answer(r"\[3 of 6\].*Hang 0.5 kg", "1\n")
+    person = set_up(bench, out)
+    person.press("1\n")
     person.answer(r"expected \+2.45 N m, read \+4.9\d N m: did you hang 1 kg\?", "\n")
     person.wait_for(r"\[4 of 6\].*Hang 1 kg.*\n  > ")
     second = resume(out)
@@ -124,9 +127,7 @@ def test_a_plain_terminal_gets_plain_lines_and_wrong_keys_harm_nothing(bench, ou
 
 
 def test_ctrl_c_at_a_prompt_keeps_the_run_however_often(bench, out):
-    person = calibrate(bench, out)
-    set_up(person)
-    person.wait_for(r"\[3 of 6\].*\n  > ")
+    person = set_up(bench, out)
     person.press(5 * "\x03")
     assert person.end() == 130
     assert "Traceback" not in person.text
@@ -134,9 +135,7 @@ def test_ctrl_c_at_a_prompt_keeps_the_run_however_often(bench, out):
 
 
 def test_a_terminal_that_is_closed_keeps_the_run(bench, out):
-    person = calibrate(bench, out)
-    set_up(person)
-    person.wait_for(r"\[3 of 6\].*\n  > ")
+    person = set_up(bench, out)
     os.close(person.master)
     assert person.process.wait(60) in (5, 129)
     check_kept(out, 1)

@@ -1,6 +1,5 @@
 """`hdbench filter` from the command line's point of view."""
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -16,9 +15,7 @@ HEADER = "time_s,torque_nm,torque_expected_nm,ripple_nm,misalignment_nm,torque_f
 
 
 def write(path: Path, names: str, *columns: np.ndarray) -> Path:
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    text = "\n".join(",".join(map(repr, row)) for row in rows)
-    path.write_text(f"{names}\n{text}\n")
+    np.savetxt(path, np.stack(columns, 1), "%.17g", ",", header=names, comments="")
     return path
 
 
@@ -36,9 +33,8 @@ def filtered(answer):
     return lambda *words, code=0: answer("filter", *words, code=code)
 
 
-def read(path: Path) -> dict[str, np.ndarray]:
-    rows = list(csv.DictReader(path.read_text().splitlines()))
-    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+def read(path: Path) -> np.ndarray:
+    return np.genfromtxt(path, delimiter=",", names=True)
 
 
 def test_it_writes_the_contracts_columns_with_all_digits(volts, tmp_path, filtered):

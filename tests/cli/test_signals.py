@@ -13,6 +13,7 @@ from subprocess import DEVNULL, PIPE, Popen
 
 import pytest
 from forked import ended, hdbench_process
+from nodekit import until
 from runkit import ran
 
 
@@ -62,13 +63,6 @@ def start(served: Served, out: Path, command: str = "run-ripple") -> Popen[str]:
     return hdbench_process([*words, "--no-report", "--yes"], stdout=PIPE, stderr=PIPE, text=True)
 
 
-def wait_for(condition, seconds: float = 60.0) -> None:
-    until = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < until, "waited in vain"
-        time.sleep(0.02)
-
-
 def journal_size(out: Path) -> int:
     return sum(path.stat().st_size for path in out.glob("*/journal.hdj"))
 
@@ -86,7 +80,7 @@ def manifest(out: Path) -> dict[str, object]:
 def test_a_signal_stops_the_motor_and_keeps_the_run(served, tmp_path, command, written, kept):
     out = tmp_path / "runs"
     process = start(served, out, command)
-    wait_for(lambda: journal_size(out) > written, 120.0)
+    until(lambda: journal_size(out) > written, 120.0)
     process.send_signal(signal.SIGTERM)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 143, stderr
@@ -104,7 +98,7 @@ def test_a_signal_stops_the_motor_and_keeps_the_run(served, tmp_path, command, w
 def test_a_signal_in_any_phase_gives_no_traceback(served, tmp_path, delay_s):
     out = tmp_path / "runs"
     process = start(served, out)
-    wait_for(lambda: any(out.glob("*/run.json")))
+    until(lambda: any(out.glob("*/run.json")), 60.0)
     time.sleep(delay_s)
     process.send_signal(signal.SIGINT)
     _, stderr = process.communicate(timeout=60)
@@ -117,10 +111,10 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path
     out = tmp_path / "runs"
     with serving(tmp_path, text) as bench:
         process = start(bench, out)
-        wait_for(lambda: journal_size(out) > 50_000)
+        until(lambda: journal_size(out) > 50_000, 60.0)
         os.kill(process.pid, signal.SIGKILL)
         process.communicate(timeout=60)
-        wait_for(lambda: bench.history()[-1]["event"] == "standstill")
+        until(lambda: bench.history()[-1]["event"] == "standstill", 60.0)
         assert bench.history()[-1]["reference_v"] == 0.0
         assert bench.history()[-1]["watchdog_trips"] == 0
     (folder,) = out.iterdir()
@@ -133,7 +127,7 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(tmp_path
 def test_a_second_run_is_refused_and_stop_stops_the_motor_of_the_first(served, tmp_path, answer):
     out = tmp_path / "runs"
     first = start(served, out)
-    wait_for(lambda: journal_size(out) > 20_000)
+    until(lambda: journal_size(out) > 20_000, 60.0)
     second = start(served, tmp_path / "other")
     _, stderr = second.communicate(timeout=60)
     assert second.returncode == 9, stderr
@@ -150,7 +144,7 @@ def test_a_bench_that_dies_ends_the_run_loudly(tmp_path, text):
     out = tmp_path / "runs"
     with serving(tmp_path, text) as bench:
         process = start(bench, out)
-        wait_for(lambda: journal_size(out) > 20_000)
+        until(lambda: journal_size(out) > 20_000, 60.0)
         bench.process.kill()
         _, stderr = process.communicate(timeout=60)
     # nobody answers, so the safe state cannot be confirmed: the loudest exit

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from changing import with_daq
 from daqkit import ABLE, ROLES, SETTINGS, Clock, FakeDaq, block
 from served import sampled
 
@@ -103,13 +104,10 @@ def test_the_outputs_are_made_safe_first_and_decide():
 
 
 def _profile(daq):
-    before, rest = load_profile("cim-tr-97-06").text.split("[daq]\n", 1)
-    after = rest.split("[limits]\n", 1)[1]
-    return parse_profile(f"{before}{daq}\n[limits]\n{after}", "bench.toml")
+    return parse_profile(with_daq(daq), "bench.toml")
 
 
-EMBEDDED = """[daq]
-driver = "composite"
+EMBEDDED = """driver = "composite"
 address = "embedded"
 sample_period_s = 0.001
 watchdog_s = 1.0

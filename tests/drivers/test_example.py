@@ -7,12 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+from changing import with_daq
 from forked import ended
 
 from hdbench.profile import load_profile
 
 ROOT = Path(__file__).parents[2]
-DAQ = '[daq]\ndriver = "example-bridge"\naddress = "embedded"\nsample_period_s = 0.1\n'
+DAQ = 'driver = "example-bridge"\naddress = "embedded"\nsample_period_s = 0.1\n'
 # a short calibration: 1 position, 1 direction, 2 weights up and down
 SHORT = {
     "positions = 4": "positions = 1",
@@ -40,12 +41,11 @@ print(json.dumps(told))
 
 def bench(daq):
     """Return the profile of a bench whose sensor is on the example's amplifier."""
-    text = load_profile("seneca-z-sg").text
+    text = with_daq(daq, "seneca-z-sg")
     for old, new in SHORT.items():
         assert old in text
         text = text.replace(old, new)
-    head, rest = text.split("[daq]\n", 1)
-    return f"{head}{daq}\n[limits]\n{rest.split('[limits]', 1)[1]}"
+    return text
 
 
 def answered(folder):

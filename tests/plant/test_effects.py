@@ -1,5 +1,6 @@
 """Effects of a plant against their closed forms, and what a seed chooses."""
 
+import itertools
 import math
 from collections import Counter
 
@@ -106,10 +107,13 @@ def test_a_tone_without_phase_gets_a_new_one_in_every_acquisition():
     assert start_effect(fixed, np.random.default_rng(1)) is fixed
 
 
+# what 400 seeds choose
+DRAWN = [draw_effects(WORN, np.random.default_rng(seed)) for seed in range(400)]
+
+
 def test_worn_chooses_two_effects_or_more_and_every_kind_at_its_probability():
-    found = [draw_effects(WORN, np.random.default_rng(seed)) for seed in range(400)]
-    assert min(len(effects) for effects in found) >= 2
-    counts = Counter(type(effect).__name__ for effects in found for effect in effects)
+    assert min(map(len, DRAWN)) >= 2
+    counts = Counter(type(effect).__name__ for effect in itertools.chain(*DRAWN))
     assert set(counts) == {"OutputFriction", "MotorOrder", "OutputOrder", "Tone"}
     # 0.8 each, a little more for the minimum of two (0.8 + 0.0272 * 2/4 at most); six sigma of
     # sqrt(400 * 0.8 * 0.2) = 8: false alarm 1e-8
@@ -117,17 +121,16 @@ def test_worn_chooses_two_effects_or_more_and_every_kind_at_its_probability():
 
 
 def test_worn_keeps_to_its_ranges():
-    for seed in range(100):
-        for effect in draw_effects(WORN, np.random.default_rng(seed)):
-            if isinstance(effect, OutputFriction):
-                assert 0.15 <= effect.coulomb_nm <= 0.45
-            elif isinstance(effect, MotorOrder):
-                assert effect.order in (3.0, 6.0, 8.0)
-                assert 0.08 <= effect.amplitude_nm <= 0.25
-            elif isinstance(effect, OutputOrder):
-                assert effect.order == 2.0
-            else:
-                assert 49.95 <= effect.frequency_hz <= 50.05
+    for effect in itertools.chain(*DRAWN):
+        if isinstance(effect, OutputFriction):
+            assert 0.15 <= effect.coulomb_nm <= 0.45
+        elif isinstance(effect, MotorOrder):
+            assert effect.order in (3.0, 6.0, 8.0)
+            assert 0.08 <= effect.amplitude_nm <= 0.25
+        elif isinstance(effect, OutputOrder):
+            assert effect.order == 2.0
+        else:
+            assert 49.95 <= effect.frequency_hz <= 50.05
 
 
 def test_an_effect_of_probability_zero_is_never_chosen():

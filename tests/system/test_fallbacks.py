@@ -12,6 +12,7 @@ import types
 
 import pytest
 from changing import with_keys
+from nodekit import until
 from serial import Serial
 from served import WAVE, sampled
 
@@ -69,8 +70,6 @@ def test_lines_come_from_a_pipe_that_cannot_be_waited_for(monkeypatch):
 
 def test_a_file_is_locked_by_a_byte_behind_its_content(tmp_path, monkeypatch):
     """As `msvcrt.locking` does: from the place of the descriptor, others are refused."""
-    import fcntl
-
     module = types.ModuleType("msvcrt")
     module.LK_NBLCK = 2
     held = {}
@@ -95,7 +94,6 @@ def test_a_file_is_locked_by_a_byte_behind_its_content(tmp_path, monkeypatch):
     finally:
         os.close(first)
         os.close(second)
-    assert fcntl is not None
 
 
 def test_a_process_is_told_from_another_without_proc(monkeypatch):
@@ -125,9 +123,7 @@ def test_a_signal_reaches_the_main_thread_from_any_other(hide, monkeypatch):
         other = threading.Thread(target=processes.signal_self, args=(signal.SIGTERM,))
         other.start()
         other.join()
-        until_s = time.monotonic() + 60.0
-        while not seen and time.monotonic() < until_s:
-            time.sleep(0.01)
+        until(lambda: seen, 60.0)
     finally:
         signal.signal(signal.SIGTERM, before)
     assert seen == [threading.main_thread()]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from changing import with_daq
 from served import sampled
 
 from hdbench.devices import open_bench
@@ -12,9 +13,6 @@ from hdbench.profile import load_profile
 from hdbench.profile.loader import parse_profile
 from hdbench.profile.schema import ReferenceWave
 
-TEXT = load_profile("cim-tr-97-06").text
-BEFORE, REST = TEXT.split("[daq]\n", 1)
-AFTER = "\n[limits]\n" + REST.split("[limits]\n", 1)[1]
 COMMON = 'driver = "modbus"\nsample_period_s = 0.1\n'
 CHANNEL = '[[daq.channels]]\nrole = "torque"\naddress = 40001\n'
 KNOWN = "[[daq.identify]]\naddress = 40100\nequals = 7\n"
@@ -34,7 +32,7 @@ ALL = COMMON + MODICON + CHANNEL + KNOWN + OUTPUT + WATCHDOG
 
 def problems(daq):
     with pytest.raises(ProfileError) as caught:
-        parse_profile(f"{BEFORE}[daq]\n{daq}{AFTER}", "bench.toml")
+        parse_profile(with_daq(daq), "bench.toml")
     found = caught.value.problems or (caught.value,)
     return " | ".join(error.what for error in found)
 

@@ -92,10 +92,12 @@ def test_function_76_is_what_labjack_describes():
         feedback_request(((reg.TEST, 1.0),), ())
 
 
+def connected(device):
+    return ModbusTcpClient(device.host, port=device.port, timeout=60, retries=0)
+
+
 def test_another_librarys_client_reads_and_writes_the_emulated_device():
-    with served(seed=41) as device:
-        client = ModbusTcpClient(device.host, port=device.port, timeout=60, retries=0)
-        assert client.connect()
+    with served(seed=41) as device, connected(device) as client:
         read = partial(client.read_holding_registers, count=2, device_id=1)
         # product 7.0 and reference -4.5 as 32-bit floats
         assert read(55100).registers == [0x0011, 0x2233]
@@ -109,13 +111,10 @@ def test_another_librarys_client_reads_and_writes_the_emulated_device():
             assert read(address).exception_code == 2, address
         assert client.write_registers(4990, [0, 0], device_id=1).exception_code == 4
         assert read(55000, count=1).registers == [2620]
-        client.close()
 
 
 def test_a_reader_written_from_labjacks_description_understands_the_stream():
-    with served() as device:
-        client = ModbusTcpClient(device.host, port=device.port, timeout=60, retries=0)
-        client.connect()
+    with served() as device, connected(device) as client:
 
         def write(address: int, *values: tuple[str, float]) -> None:
             raw = b"".join(struct.pack(">" + kind, value) for kind, value in values)
@@ -137,7 +136,6 @@ def test_a_reader_written_from_labjacks_description_understands_the_stream():
                 assert head[:6] == (expected, 0, 70, 1, 76, 16)
                 assert head[8:] == (0, 0)
                 scans.append(np.frombuffer(packet[16:], ">u2").reshape(10, 3))
-        client.close()
     words = np.concatenate(scans).astype(np.int64)
     ticks = words[:, 1] + (words[:, 2] << 16)
     # 40 MHz at 500 Hz
