@@ -24,7 +24,7 @@ GAIN = PROFILE.sensor.gain_nm_per_v
 class FakeHands:
     """Hangs weights on the fake bench; `wrong` maps a point to the mass hung at first."""
 
-    bench: FakeBench
+    bench: FakeBench = field(default_factory=FakeBench)
     wrong: dict[int, float] = field(default_factory=dict)
     changes: list[dict[str, float]] = field(default_factory=list)
     restored: list[dict[str, float]] = field(default_factory=list)
@@ -100,12 +100,13 @@ def make_walk(
 ) -> CalibrationWalk:
     """Return a walk over the journal in `folder`, resumed where there is one."""
     folder.mkdir(exist_ok=True)
-    bench = bench or FakeBench()
+    hands = hands or FakeHands()
+    bench = hands.bench = bench or hands.bench
     plan = Plan("calibration", tuple(points or calibration_points(profile)), 0.0)
     journal, content = opened(folder)
     whole = replace(WHOLE, data=profile)
     task = task_in(folder, plan, profile=whole, stop=stop, content=content)
-    return CalibrationWalk(task, bench, journal, talk or Unattended(), hands or FakeHands(bench))
+    return CalibrationWalk(task, bench, journal, talk or Unattended(), hands)
 
 
 def blocks(folder: Path) -> list[tuple[str, dict]]:

@@ -45,8 +45,7 @@ def test_a_person_is_asked_for_each_change_once_and_every_load_is_read(tmp_path)
 @pytest.mark.parametrize("kept", [False, True])
 def test_a_wrong_weight_is_asked_about_and_its_reading_is_kept_marked(tmp_path, kept):
     talk = Scripted([("did you hang", Answer.ACCEPT)] if kept else [])
-    bench = FakeBench()
-    walked(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
+    walked(tmp_path, talk=talk, hands=FakeHands(wrong={4: 0.5}))
     (question,) = talk.asked("gross-error")
     assert "expected +4.90 N m, read +2.45 N m: did you hang 0.5 kg?" in question
     assert [r.mass_kg for r in loads(tmp_path).readings] == MASSES
@@ -128,14 +127,13 @@ def test_a_reading_that_never_settles_is_asked_about(tmp_path):
 
 
 def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path):
-    bench = FakeBench()
-    hands = FakeHands(bench, {1: 1.0})
+    hands = FakeHands(wrong={1: 1.0})
     talk = Scripted([("the bridge rests at", Answer.QUIT)])
     with pytest.raises(Stopped) as stopped:
-        walked(tmp_path, talk=talk, bench=bench, hands=hands)
+        walked(tmp_path, talk=talk, hands=hands)
     assert stopped.value.exit_code == 130
     assert "is a weight on the arm" in talk.asked("gross-error")[0]
-    assert bench.calls[-1] == "safe_state"
+    assert hands.bench.calls[-1] == "safe_state"
 
 
 def test_a_bridge_without_room_for_the_heaviest_weight_is_told(tmp_path):
@@ -146,11 +144,10 @@ def test_a_bridge_without_room_for_the_heaviest_weight_is_told(tmp_path):
 
 def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path):
     shunt = ShuntCheck(resistor_ohm=87150.0, expected_v=1.2, tolerance=0.01)
-    bench = FakeBench()
-    hands = FakeHands(bench)
+    hands = FakeHands()
     talk = Scripted([("the shunt changes the reading", Answer.ACCEPT)])
     profile = with_keys(PROFILE, calibration={"shunt": shunt})
-    walked(tmp_path, talk=talk, bench=bench, hands=hands, profile=profile)
+    walked(tmp_path, talk=talk, hands=hands, profile=profile)
     assert hands.shunts == [True, False]
     (question,) = talk.asked("gross-error")
     assert "changes the reading by +1.0000 V; expected +1.2000 V" in question
@@ -162,9 +159,8 @@ def test_without_a_person_the_right_weight_is_hung_again_three_times_at_most(tmp
         def put(self, mass_kg, *, number, **how) -> None:
             super().put(0.5 if number == 4 else mass_kg, number=number, **how)
 
-    bench = FakeBench()
     said: list[str] = []
-    walked(tmp_path, talk=Unattended(said.append), bench=bench, hands=Stubborn(bench))
+    walked(tmp_path, talk=Unattended(said.append), hands=Stubborn())
     assert sum("hung again" in line for line in said) == 2
     assert sum("taken as it is, marked" in line for line in said) == 1
     assert loads(tmp_path).extra_columns["flags"][2] == "confirmed-gross-error"
@@ -258,9 +254,7 @@ def test_two_processes_cannot_record_one_calibration(tmp_path):
 def test_on_resume_the_hands_get_every_change_of_the_simulated_bench(tmp_path):
     with pytest.raises(Stopped):
         walked(tmp_path, talk=Scripted([("Hang 1 kg", Answer.QUIT)]))
-    bench = FakeBench()
-    hands = FakeHands(bench)
-    again = Scripted()
-    walked(tmp_path, talk=again, bench=bench, hands=hands)
+    hands, again = FakeHands(), Scripted()
+    walked(tmp_path, talk=again, hands=hands)
     assert hands.restored[-1]["level_v"] == pytest.approx(0.5 * LEVER / GAIN)
     assert any("goes on after 2 readings" in line for line in again.told)

@@ -7,32 +7,28 @@ import time
 
 import pytest
 from faults import kit
+from nodekit import until
 from terminal import Person
-
-from hdbench.devices.emulator.process import running_emulator
-from hdbench.profile import load_profile
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="terminals of Linux")
 
 
 def test_a_closed_terminal_ends_a_run_as_a_hangup_and_not_as_a_fault_of_the_disk(tmp_path):
     """What a closed terminal refuses to take is no error of the run."""
-    profile, record, out = kit.short_profile(tmp_path), tmp_path / "motor.jsonl", tmp_path / "runs"
+    profile, out = kit.short_profile(tmp_path), tmp_path / "runs"
     words = ["run-ripple", "--profile", str(profile), "--no-report", "--yes", "--out", str(out)]
-    data, served = load_profile(str(profile)).data, {"plant": "as-modelled", "seed": 0}
-    with running_emulator(data, **served, pace="realtime", record=record) as found:
-        bench = kit.ServedBench(found["address"], record)
+    with kit.served(tmp_path, profile) as bench:
         person = Person([*words, "--address", bench.address])
-        until_s = time.monotonic() + 60.0
-        turning = False
-        while not turning and time.monotonic() < until_s:
+
+        def turning() -> bool:
             person.look(0.05)
             events = bench.history()
-            turning = bool(events) and abs(events[-1]["velocity_rad_s"]) > 5.0
+            return bool(events) and abs(events[-1]["velocity_rad_s"]) > 5.0
+
+        until(turning, 60.0)
         os.close(person.master)
         assert person.process.wait(60) == 129
         _, _, moving = bench.after(time.monotonic())
-    assert turning
     assert moving == ""
     manifest = json.loads(next(out.glob("*/run.json")).read_text())
     assert manifest["status"] == "incomplete"

@@ -2,7 +2,6 @@
 
 import signal
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
@@ -12,11 +11,11 @@ from changing import with_keys
 from fakes import WHOLE
 from faults.lines import behind, emulated
 from faults.mangler import Mangler, TcpFraming
+from plant_tools import AS_MODELLED
 
 from hdbench.devices.emulator.node import build_core
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench
-from hdbench.plant.plantfile import load_plant
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Observation, observe
 from hdbench.session.recorder import Frame
@@ -102,18 +101,13 @@ def test_a_signal_ends_it_with_the_bench_safe():
 
 def test_what_looks_on_is_told_how_often_the_driver_asked_again():
     """One reply in twenty is lost; the count comes from the driver, through block and frame."""
-    profile = WHOLE.data
     spoiler = Mangler("drop", TcpFraming(), share=0.0, seed=1)
-    with ExitStack() as stack:
-        core = build_core(
-            SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
-        )
-        node = stack.enter_context(emulated(core))
-        address = stack.enter_context(behind(node, spoiler))
-        seen = Seen(partial(setattr, spoiler, "share", 0.05))
-        # two replies in a row may be lost, or come late on a busy machine
-        patient = with_keys(profile, daq={"deadline_s": 1.0, "watchdog_s": 2.0})
-        patient = replace(WHOLE, data=patient)
+    seen = Seen(partial(setattr, spoiler, "share", 0.05))
+    core = build_core(SimulatedBench(WHOLE.data, AS_MODELLED, 0), WHOLE.data, 0, pace="fast")
+    # two replies in a row may be lost, or come late on a busy machine
+    patient = with_keys(WHOLE.data, daq={"deadline_s": 1.0, "watchdog_s": 2.0})
+    patient = replace(WHOLE, data=patient)
+    with emulated(core) as node, behind(node, spoiler) as address:
         found = look(seen, 1.5, profile=patient, address=address, plant="")
     assert found.samples == 1500
     retries = [frame.retries for frame in seen.frames]

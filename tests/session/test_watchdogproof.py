@@ -4,9 +4,9 @@ import math
 
 import pytest
 from fakes import WHOLE
+from nodekit import realtime_emulator
 
 from hdbench.devices.bench import SafeState
-from hdbench.devices.emulator.process import running_emulator
 from hdbench.session.stop import StopSignals
 from hdbench.session.watchdogproof import _judged, creep_rad_s, prove_watchdog
 
@@ -14,7 +14,7 @@ SAFE = SafeState(True, 0.0, 0.0, "safe")
 
 
 def test_a_node_whose_watchdog_works_is_proven():
-    with running_emulator(WHOLE.data, plant="as-modelled", seed=0, pace="realtime") as found:
+    with realtime_emulator(WHOLE.data) as found:
         proof = prove_watchdog(WHOLE, StopSignals(), address=found["address"])
     assert proof.proven, proof.detail
     assert proof.creep_rad_s == pytest.approx(creep_rad_s(WHOLE.data), rel=0.1)

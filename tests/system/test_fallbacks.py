@@ -12,12 +12,11 @@ import types
 
 import pytest
 from changing import with_keys
-from nodekit import until
+from nodekit import realtime_emulator, until
 from serial import Serial
 from served import WAVE, sampled
 
 from hdbench.devices import AcquisitionSettings, open_bench
-from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.opening import _at
 from hdbench.profile import load_profile
 from hdbench.system import files, keyboard, lines, processes, sockets
@@ -160,10 +159,7 @@ def test_a_serial_node_moves_and_stops_by_pyserial_alone(polled):
     data = load_profile("node-rtu").data
     # a busy machine is no fault of the line
     data = with_keys(data, daq={"deadline_s": 1.0, "watchdog_s": 2.0})
-    with (
-        running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found,
-        open_bench(_at(data, found)) as bench,
-    ):
+    with realtime_emulator(data, wire="rtu") as found, open_bench(_at(data, found)) as bench:
         got = sampled(bench, AcquisitionSettings(data.daq.sample_period_s, 400, WAVE))
         safe = bench.safe_state()
     assert (len(got.torque_v), got.lost) == (400, 0)
