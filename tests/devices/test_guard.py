@@ -52,9 +52,9 @@ def profile_at(host, port):
     return with_keys(PROFILE, daq={"address": f"tcp://{host}:{port}"})
 
 
-def target_at(host, port):
+def target_of(profile):
     """Return what the guard of a node does, as its process reads it."""
-    (target,) = order_of(profile_at(host, port)).targets
+    (target,) = order_of(profile).targets
     return told(target)
 
 
@@ -181,11 +181,11 @@ def test_the_guard_takes_no_other_reply_for_its_own(kind, request):
 
     with served(pace="realtime") as node:
         with proxy(node.host, node.port, mangle) as (host, port, frames):
-            assert make_safe(target_at(host, port), alone=False) != ""
+            assert make_safe(target_of(profile_at(host, port)), alone=False) != ""
         assert frames
         request.getfixturevalue("patient_guard")
         with proxy(node.host, node.port, lambda _, reply: reply) as (host, port, _):
-            assert make_safe(target_at(host, port), alone=False) == ""
+            assert make_safe(target_of(profile_at(host, port)), alone=False) == ""
 
 
 def test_a_guard_whose_words_nobody_reads_goes_on_trying():
@@ -249,10 +249,7 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
 
 
 def _line(path):
-    return {
-        "scheme": "rtu", "path": path, "host": "", "port": 0, "unit": 1, "rest_s": 0.0, "tls": None,
-        "serial": {"baud_bd": 115200, "parity": "N", "stop_bits": 1, "gap_s": None},
-    }  # fmt: skip
+    return target_of(with_keys(PROFILE, daq={"address": f"rtu://{path}?baud=115200"}))["place"]
 
 
 READ, WRITE = (
@@ -312,8 +309,7 @@ def test_a_guard_whose_session_is_dead_has_the_line_for_itself_while_it_works(li
 @pytest.mark.usefixtures("patient_guard")
 def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
     with realtime_emulator(REPORT, wire="rtu") as found:
-        (target,) = order_of(with_keys(PROFILE, daq={"address": found["address"]})).targets
-        ordered = told(target)
+        ordered = target_of(with_keys(PROFILE, daq={"address": found["address"]}))
         note_identity(ordered)
         assert make_safe(ordered, alone=True) == ""
         ordered["identity"][0]["known"] = "03" + "00" * 20

@@ -5,11 +5,11 @@ import os
 import signal
 import sys
 import time
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import contextmanager, suppress
 from subprocess import PIPE
 
 import numpy as np
+import psutil
 import pytest
 from forked import hdbench_process
 from nodekit import PATIENT, PROFILE, driver, host, realtime_emulator, until
@@ -23,30 +23,20 @@ from hdbench.profile.schema import ReferenceWave
 
 # 150 rad/s forward: the watchdog has something to stop
 WAVE = ReferenceWave(wave="constant", amplitude_v=150.0 / PROFILE.servo.velocity_gain_rad_s_per_v)
-linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-
-
-def _children(pid):
-    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="needs signals")
 
 
 def _emulators(pid):
     """Return the children that are emulators: by their command line, or forks of this process."""
-    own = _command_line(os.getpid())
-    lines = {child: _command_line(child) for child in _children(pid)}
-    return [child for child, line in lines.items() if b"emulator" in line or line == own]
+    own = psutil.Process().cmdline()
+    lines = {child: child.cmdline() for child in psutil.Process(pid).children()}
+    return [child for child, line in lines.items() if line == own or "emulator" in str(line)]
 
 
-def _command_line(pid):
-    return Path(f"/proc/{pid}/cmdline").read_bytes()
-
-
-def _alive(pid):
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return False
-    return state != "Z"
+def _alive(process):
+    with suppress(psutil.NoSuchProcess):
+        return process.status() != psutil.STATUS_ZOMBIE
+    return False
 
 
 def _events(record):
@@ -55,7 +45,7 @@ def _events(record):
 
 @contextmanager
 def _embedded():
-    """Open an embedded bench; yields it and the number of its node."""
+    """Open an embedded bench; yields it and the process of its node."""
     others = _emulators(os.getpid())
     with open_bench(PROFILE) as bench:
         (node,) = set(_emulators(os.getpid())).difference(others)
@@ -80,8 +70,8 @@ def test_killing_the_host_stops_the_motor_within_a_second(tmp_path, guarded):
     with realtime_emulator(PROFILE, record=record) as found:
         with host(found["address"], amplitude_v=WAVE.amplitude_v) as (process, _):
             if not guarded:
-                for pid in _children(process.pid):
-                    os.kill(pid, signal.SIGKILL)
+                for child in psutil.Process(process.pid).children():
+                    child.kill()
             process.send_signal(signal.SIGKILL)
             killed_s = time.monotonic()
             process.wait()
@@ -117,7 +107,7 @@ def test_the_embedded_node_stops_the_motor_and_leaves_when_its_host_is_killed(tm
 @linux_only
 def test_ctrl_c_does_not_reach_the_embedded_node():
     with _embedded() as (bench, node):
-        os.kill(node, signal.SIGINT)
+        node.send_signal(signal.SIGINT)
         time.sleep(0.1)
         assert bench.safe_state().confirmed
     until(lambda: not _alive(node), 3.0)
@@ -126,7 +116,7 @@ def test_ctrl_c_does_not_reach_the_embedded_node():
 def test_a_lost_node_is_a_device_error_at_once():
     with _embedded() as (bench, node):
         begin(bench, AcquisitionSettings(1e-3, 1_000_000, WAVE))
-        os.kill(node, signal.SIGKILL)
+        node.kill()
         with pytest.raises(DeviceError):
             read_samples(bench, 1_000_000)
 
