@@ -12,15 +12,8 @@ from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    PositiveFloat,
-    ValidationError,
-    create_model,
-    model_validator,
-)
+import pydantic
+from pydantic import model_validator
 
 from hdbench.plant.effects import EFFECT_KINDS, Effect
 from hdbench.profile.loader import TomlFile, all_problems, named_files, named_text
@@ -33,7 +26,7 @@ class Draw(Table):
 
     min: float | None = None
     max: float | None = None
-    any_of: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    any_of: Annotated[tuple[float, ...], pydantic.Field(strict=False)] = ()
 
     @model_validator(mode="after")
     def _one_form(self) -> Draw:
@@ -64,7 +57,7 @@ def _plain(value: Any) -> Any:
     return {"any_of": [value]} if is_number else value
 
 
-AnyDraw = Annotated[Draw, BeforeValidator(_plain)]
+AnyDraw = Annotated[Draw, pydantic.BeforeValidator(_plain)]
 # by the domain of a number: what every value that a draw can give has to be, and what to say if not
 _DOMAINS: dict[str, tuple[Callable[[float], bool], str]] = {
     "at least 0": (lambda value: value >= 0.0, "is below 0.0"),
@@ -77,7 +70,7 @@ _DOMAINS: dict[str, tuple[Callable[[float], bool], str]] = {
 }
 
 
-def _within(domain: str) -> AfterValidator:
+def _within(domain: str) -> pydantic.AfterValidator:
     """Return what refuses a draw that can leave a domain."""
     inside, problem = _DOMAINS[domain]
 
@@ -88,7 +81,7 @@ def _within(domain: str) -> AfterValidator:
                 raise ValueError(f"{value} {problem}")
         return draw
 
-    return AfterValidator(check)
+    return pydantic.AfterValidator(check)
 
 
 class _Effect(Table):
@@ -96,7 +89,7 @@ class _Effect(Table):
 
     kind: str
     probability: Annotated[
-        float, Field(ge=0.0, le=1.0, description="how likely the seed chooses this effect")
+        float, pydantic.Field(ge=0.0, le=1.0, description="how likely the seed chooses this effect")
     ] = 1.0
 
     def build(self, rng: np.random.Generator) -> Any:
@@ -116,7 +109,7 @@ def _effect_table(kind: str, effect: type[Effect]) -> type[_Effect]:
             draw = Annotated[AnyDraw, _within(domain)]
         # only a phase may be left out: it is then a new one in every acquisition
         keys[name] = (draw | None, None) if type(None) in get_args(hint) else (draw, ...)
-    return create_model(f"{effect.__name__}Table", __base__=_Effect, **keys)
+    return pydantic.create_model(f"{effect.__name__}Table", __base__=_Effect, **keys)
 
 
 if TYPE_CHECKING:
@@ -124,7 +117,7 @@ if TYPE_CHECKING:
 else:
     EffectSpec = Annotated[
         reduce(or_, (_effect_table(*each) for each in EFFECT_KINDS.items())),
-        Field(discriminator="kind"),
+        pydantic.Field(discriminator="kind"),
     ]
 
 
@@ -138,23 +131,23 @@ class MotorSpec(Table):
 class FixtureSpec(Table):
     """Lock, arm and weights."""
 
-    repeatability: Annotated[float, Field(ge=0.0, le=0.1)] = 5e-4
-    bounce_hz: PositiveFloat = 12.0
-    bounce_damping: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
-    swing_rad: Annotated[float, Field(ge=0.0, le=0.5)] = 0.035
-    pendulum_m: PositiveFloat = 0.3
-    swing_decay_s: PositiveFloat = 1.0
+    repeatability: Annotated[float, pydantic.Field(ge=0.0, le=0.1)] = 5e-4
+    bounce_hz: pydantic.PositiveFloat = 12.0
+    bounce_damping: Annotated[float, pydantic.Field(gt=0.0, lt=1.0)] = 0.05
+    swing_rad: Annotated[float, pydantic.Field(ge=0.0, le=0.5)] = 0.035
+    pendulum_m: pydantic.PositiveFloat = 0.3
+    swing_decay_s: pydantic.PositiveFloat = 1.0
 
 
 class PlantFile(Table):
     """One plant file."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$")]
+    name: Annotated[str, pydantic.Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$")]
     description: str = ""
-    minimum_effects: Annotated[int, Field(ge=0)] = 0
+    minimum_effects: Annotated[int, pydantic.Field(ge=0)] = 0
     motor: MotorSpec = MotorSpec()
     fixture: FixtureSpec = FixtureSpec()
-    effects: Annotated[tuple[EffectSpec, ...], Field(strict=False)] = ()
+    effects: Annotated[tuple[EffectSpec, ...], pydantic.Field(strict=False)] = ()
 
     @model_validator(mode="after")
     def _enough(self) -> PlantFile:
@@ -195,7 +188,7 @@ def load_plant(name_or_path: str) -> PlantSpec:
     raw = read_toml(text, path)
     try:
         data = PlantFile.model_validate(raw)
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         file, known = TomlFile(path, text), _known_keys()
         found = [
             file.finding(_key(one), one, known, _HELP) for one in error.errors(include_url=False)

@@ -12,15 +12,8 @@ import numpy as np
 
 from hdbench.devices.bench import Operator
 from hdbench.devices.feasibility import check_drives, check_pace, check_tables
+from hdbench.diagnosis.planning import segments
 from hdbench.diagnosis.planning.planfile import plan_to_dict
-from hdbench.diagnosis.planning.segments import (
-    LoadStep,
-    MotionPlan,
-    Stage,
-    check_motion_plan,
-    plan_stages,
-    program_of,
-)
 from hdbench.errors import UsageError
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.profile.waves import ReferenceProgram, reference_values
@@ -108,7 +101,7 @@ class Place:
 class Put:
     """Have a load put on (or taken off) that stays for what is recorded next."""
 
-    load: LoadStep
+    load: segments.LoadStep
     mass_kg: float
 
     @property
@@ -135,7 +128,7 @@ class Acquire:
     wave: ReferenceWave | ReferenceProgram | None
     sample_period_s: float
     duration_s: float
-    load: LoadStep | None = None
+    load: segments.LoadStep | None = None
 
     @property
     def n_samples(self) -> int:
@@ -187,7 +180,7 @@ class Plan:
     kind: str
     steps: tuple[Step, ...]
     duration_s: float
-    motion: MotionPlan | None = None
+    motion: segments.MotionPlan | None = None
     preset: str | None = None
     handling_s: float = 0.0
 
@@ -268,18 +261,18 @@ def ripple_plan(profile: ProfileData) -> Plan:
     )
 
 
-def motion_plan(kind: str, asked: MotionPlan, profile: ProfileData) -> Plan:
+def motion_plan(kind: str, asked: segments.MotionPlan, profile: ProfileData) -> Plan:
     """Plan what a plan file asks for."""
-    problems = check_motion_plan(asked, profile)
+    problems = segments.check_motion_plan(asked, profile)
     if problems:
         raise UsageError.several(problems)
     places = sorted({load.position_rad for load in asked.loads if load.locked})
-    stages = {id(stage.load): stage for stage in plan_stages(asked)}
+    stages = {id(stage.load): stage for stage in segments.plan_stages(asked)}
     steps: list[Step] = []
-    before: LoadStep | None = None
+    before: segments.LoadStep | None = None
     if id(None) in stages:
         steps = [Lock(locked=False), _acquire(stages[id(None)], profile, asked)]
-        before = LoadStep("no load", 0.0)
+        before = segments.LoadStep("no load", 0.0)
     for load in asked.loads:
         steps += _loading(load, before, places, profile)
         if id(load) in stages:
@@ -289,7 +282,10 @@ def motion_plan(kind: str, asked: MotionPlan, profile: ProfileData) -> Plan:
 
 
 def _loading(
-    load: LoadStep, before: LoadStep | None, places: list[float], profile: ProfileData
+    load: segments.LoadStep,
+    before: segments.LoadStep | None,
+    places: list[float],
+    profile: ProfileData,
 ) -> list[Step]:
     """Return what the operator does for one load step after another."""
     steps: list[Step] = []
@@ -303,10 +299,10 @@ def _loading(
     return steps
 
 
-def _acquire(stage: Stage, profile: ProfileData, asked: MotionPlan) -> Acquire:
+def _acquire(stage: segments.Stage, profile: ProfileData, asked: segments.MotionPlan) -> Acquire:
     """Return what is recorded under one load."""
-    program = program_of(stage, profile)
-    load = stage.load or LoadStep("no load", 0.0)
+    program = segments.program_of(stage, profile)
+    load = stage.load or segments.LoadStep("no load", 0.0)
     period_s = profile.daq.sample_period_s
     return Acquire(
         None if load.locked else program,

@@ -8,18 +8,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from hdbench import errors
 from hdbench.devices import SimulatedOperator, open_bench
 from hdbench.devices.bench import Bench, Identity, Operator, SafeState
 from hdbench.devices.operator import Mistakes
-from hdbench.errors import (
-    DataError,
-    DeviceError,
-    HdbenchError,
-    Stopped,
-    StorageError,
-    UnsafeError,
-    UsageError,
-)
 from hdbench.records.journal import JournalWriter
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import check_space, free_reserve, keep_reserve
@@ -45,14 +37,14 @@ def kept(folder: RunFolder) -> Iterator[None]:
         if folder.manifest["status"] == "running":
             free_reserve(folder.path)
             # on a disk that has failed, it reads as incomplete once this process is gone
-            with suppress(HdbenchError, OSError):
+            with suppress(errors.HdbenchError, OSError):
                 _close(folder)
 
 
 def _close(folder: RunFolder) -> None:
     try:
         folder.finish("incomplete", "ended without being closed: see the error it ended in")
-    except StorageError:
+    except errors.StorageError:
         # a run without a journal has recorded nothing: better none than one that says it goes on
         if not folder.journal.exists():
             shutil.rmtree(folder.path)
@@ -87,14 +79,14 @@ class Run:
             self._measure()
         except StopRequested as request:
             raise self._stopped(request) from request
-        except (DeviceError, StorageError, Stopped) as error:
+        except (errors.DeviceError, errors.StorageError, errors.Stopped) as error:
             raise self._ended("incomplete", error) from error
-        except HdbenchError as error:
+        except errors.HdbenchError as error:
             # a run that is resumed and finds no bench or no person has lost nothing
             waits = self.task.content is not None and self.walker is None
             raise self._ended("incomplete" if waits else "aborted", error) from error
         except OSError as error:
-            storage = StorageError(
+            storage = errors.StorageError(
                 str(error.strerror or error),
                 where=str(error.filename or self.folder.path),
                 fix="free space on the disk; what was acknowledged is in the journal",
@@ -104,7 +96,9 @@ class Run:
             if self.walker is None or self._is_safe:
                 raise
             # a bug, but the motor may turn: that is told first
-            bug = DeviceError(f"{type(error).__name__}: {error}", where="hdbench", fix="report it")
+            bug = errors.DeviceError(
+                f"{type(error).__name__}: {error}", where="hdbench", fix="report it"
+            )
             raise self._ended("incomplete", bug) from error
         if not self._is_safe:
             raise self._ended("incomplete", self._unsafe(None))
@@ -140,7 +134,7 @@ class Run:
         before = tuple(str(began.get(key)) for key in ("vendor", "model", "serial"))
         now = (identity.vendor, identity.model, identity.serial)
         if before != now:
-            raise UsageError(
+            raise errors.UsageError(
                 f"{' '.join(now)} answers; the run began on {' '.join(before)}",
                 where=str(self.folder.path),
                 fix="connect that bench, or start a new run: readings of two do not mix",
@@ -148,19 +142,19 @@ class Run:
 
     # -- the ways out -----------------------------------------------------------------------------
 
-    def _unsafe(self, cause: HdbenchError | None) -> UnsafeError:
+    def _unsafe(self, cause: errors.HdbenchError | None) -> errors.UnsafeError:
         detail = self._safe.detail if self._safe else "no answer from the bench"
         because = f"; after: {cause.what}" if cause else ""
-        return UnsafeError.unconfirmed(detail + because, where=str(self.folder.path))
+        return errors.UnsafeError.unconfirmed(detail + because, where=str(self.folder.path))
 
-    def _ended(self, status: str, error: HdbenchError) -> HdbenchError:
+    def _ended(self, status: str, error: errors.HdbenchError) -> errors.HdbenchError:
         if self.walker is not None and not self._is_safe:
             error = self._unsafe(error)
         self._keep(status, error.what)
         return error
 
-    def _stopped(self, request: StopRequested) -> HdbenchError:
-        stopped = Stopped(
+    def _stopped(self, request: StopRequested) -> errors.HdbenchError:
+        stopped = errors.Stopped(
             f"stopped by {request}; motor reference zero confirmed",
             where=str(self.folder.path),
             fix=f"go on with it: hdbench runs resume {self.folder.path}",
@@ -174,12 +168,12 @@ class Run:
         try:
             if self.task.stop.count < 2:
                 files = self._files()
-        except (OSError, StorageError) as error:
+        except (OSError, errors.StorageError) as error:
             # the journal has what was acknowledged, and the error that ended the run is told
             reason += f"; not all files could be written: {error}"
         try:
             self.folder.finish(status, reason, files)
-        except (OSError, StorageError) as error:
+        except (OSError, errors.StorageError) as error:
             self.task.progress(f"could not finish {self.folder.path}: {error}", 1.0)
 
     # -- what is kept -----------------------------------------------------------------------------
@@ -197,7 +191,7 @@ class Run:
         records = None if self.walker is None else self.walker.records()
         if records is None:
             self.folder.finish("incomplete", "no data", files)
-            raise DataError(
+            raise errors.DataError(
                 "the run recorded nothing", where=str(self.folder.path), fix="run again with -v"
             )
         doubts = () if self.walker is None else self.walker.doubts()
@@ -211,7 +205,7 @@ class Run:
                 run=self.folder.run_id,
                 doubts=doubts,
             )
-        except DataError as error:
+        except errors.DataError as error:
             self.folder.finish("complete", f"recorded, not evaluated: {error.what}", files)
             raise
         if self.task.stop.first is not None:
@@ -231,7 +225,7 @@ def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWr
     operator, embedded = _at_motion(task, bench, identity)
     moved = [put for put in task.plan.loads if put.load.torque_nm and not put.load.locked]
     if bench.simulation is not None and moved:
-        raise UsageError(
+        raise errors.UsageError(
             f"{moved[0].describe()}: a simulated bench has loads only while it is locked",
             where=f"{task.kind} run",
             fix="make the plan with hdbench plan --no-loads, or run it on a real bench",
@@ -239,8 +233,8 @@ def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWr
     return Runner(task, bench, operator, journal, person=not embedded)
 
 
-def _needs_person(task: Task, identity: Identity) -> UsageError:
-    return UsageError(
+def _needs_person(task: Task, identity: Identity) -> errors.UsageError:
+    return errors.UsageError(
         f"{identity.vendor} {identity.model} at an address is taken for a real bench, which needs "
         "a person",
         where=f"{task.kind} run",

@@ -151,7 +151,6 @@ def test_a_socket_keeps_its_deadline(poll, monkeypatch):
 @pytest.fixture
 def polled(monkeypatch):
     monkeypatch.setattr(lines, "port_io", lines._PolledIo)
-    monkeypatch.setattr("hdbench.devices.wire.rtu.port_io", lines._PolledIo)
     monkeypatch.setattr("hdbench.drivers.dataq.port.port_io", lines._PolledIo)
 
 

@@ -11,18 +11,10 @@ from hdbench.devices.base import DeviceBase
 from hdbench.devices.bench import Identity
 from hdbench.devices.driver import Driver, later
 from hdbench.devices.guard.order import Check, Look, Target, target_at
+from hdbench.devices.modbus import layout
 from hdbench.devices.modbus.access import QUIET_S, TRY, Access
 from hdbench.devices.modbus.identity import check_identity, make_probe
 from hdbench.devices.modbus.inputs import Inputs, Polling, input_info
-from hdbench.devices.modbus.layout import (
-    Block,
-    blocks_of,
-    bounds,
-    form_of,
-    place_of,
-    plan_blocks,
-    write_request,
-)
 from hdbench.devices.modbus.outputs import Outputs, output_step_v
 from hdbench.devices.registers import Register, encode
 from hdbench.devices.wire.address import address_of, serial_settings
@@ -75,18 +67,20 @@ def exchange_s(table: ModbusAcquisition, data_bytes: int) -> float:
     return wire_s + table.reply_s + table.min_gap_s
 
 
-def reads_of(table: ModbusAcquisition, count: int | None = None) -> tuple[Block, ...]:
+def reads_of(table: ModbusAcquisition, count: int | None = None) -> tuple[layout.Block, ...]:
     """Return the requests of one reading."""
     channels = table.channels[:count]
-    places = [place_of(table, channel) for channel in channels]
-    places += [place_of(table, w) for c in channels for w in (c.status, c.sign) if w is not None]
-    return blocks_of(table, places)
+    places = [layout.place_of(table, channel) for channel in channels]
+    places += [
+        layout.place_of(table, w) for c in channels for w in (c.status, c.sign) if w is not None
+    ]
+    return layout.blocks_of(table, places)
 
 
 def set_up(access: Access, table: ModbusAcquisition) -> None:
     """Bring the device to the settings of ``[[daq.init]]``."""
     for write in table.init:
-        place = place_of(table, write)
+        place = layout.place_of(table, write)
         if write.read_back and _same(write, access.read([place])[0]):
             continue
         access.write(place, write.value, write.function)
@@ -216,7 +210,7 @@ def _check_deadline(table: ModbusAcquisition, *, reopened: bool) -> None:
     """
     longest = max((block.reply_bytes for block in reads_of(table)), default=2)
     looks = table.identify if reopened else ()
-    known_s = sum(exchange_s(table, 2 * place_of(table, rule).size) for rule in looks)
+    known_s = sum(exchange_s(table, 2 * layout.place_of(table, rule).size) for rule in looks)
     needed_s = (QUIET_S + known_s + 3.0 * exchange_s(table, longest)) / TRY
     if not table.deadline_s >= needed_s:
         raise ProfileError(
@@ -232,23 +226,28 @@ def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | Non
     if table.output is None:
         return None
     output = table.output
-    place = place_of(table, output)
-    back = place if output.read_back is None else place_of(table, output.read_back)
+    place = layout.place_of(table, output)
+    back = place if output.read_back is None else layout.place_of(table, output.read_back)
     zero, scale = -output.offset / output.scale, abs(output.scale)
     spread = (output_step_v(output) or _ZERO_V) / scale
     finals, final_looks = [], []
     if output.enable is not None:
-        line, off = place_of(table, output.enable), float(output.enable.off)
-        finals.append(write_request(line, off))
+        line, off = layout.place_of(table, output.enable), float(output.enable.off)
+        finals.append(layout.write_request(line, off))
         final_looks.append(_look(line, "enable line", off, off))
     return Target(
         target_at(
             address_of(table, default_port=502), table.unit, table.tls, rest_s=table.min_gap_s
         ),
-        acts=(write_request(place, zero, output.function),),
+        acts=(layout.write_request(place, zero, output.function),),
         looks=(_look(back, "motor reference, steps", zero - spread, zero + spread),),
         identity=tuple(
-            _look(where := place_of(table, rule), where.name, *bounds(rule), rule.mask or 0)
+            _look(
+                where := layout.place_of(table, rule),
+                where.name,
+                *layout.bounds(rule),
+                rule.mask or 0,
+            )
             for rule in table.identify
         ),
         finals=tuple(finals),
@@ -259,8 +258,8 @@ def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | Non
 
 def _look(place: Register, name: str, low: float, high: float, mask: int = 0) -> Look:
     """Return a read of one value that must lie between two others."""
-    (block,) = plan_blocks([place], most=place.size, bridge=0)
-    form, order, mask = (">B", (), 1) if place.is_bit else (*form_of(place), mask)
+    (block,) = layout.plan_blocks([place], most=place.size, bridge=0)
+    form, order, mask = (">B", (), 1) if place.is_bit else (*layout.form_of(place), mask)
     return Look(block.request(), (Check(name, _DATA_AT, form, low, high, mask, order),))
 
 

@@ -8,24 +8,19 @@ from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import fits, place_of
 from hdbench.devices.registers import Register, range_of
 from hdbench.devices.transactor import was_answered
-from hdbench.profile.acquiring_modbus import (
-    ModbusAcquisition,
-    ModbusFeed,
-    ModbusOutput,
-    ModbusWatchdog,
-)
+from hdbench.profile import acquiring_modbus
 
 # looks at a write whose answer did not come, or said that the device is still working on it
 _LOOKS = 5
 
 
-def output_range_v(output: ModbusOutput) -> tuple[float, float]:
+def output_range_v(output: acquiring_modbus.ModbusOutput) -> tuple[float, float]:
     """Return the range that may be written: that of the register within the profile's limit."""
     ends = sorted(output.offset + output.scale * end for end in range_of(output.type))
     return max(ends[0], -output.limit_v), min(ends[1], output.limit_v)
 
 
-def output_step_v(output: ModbusOutput) -> float:
+def output_step_v(output: acquiring_modbus.ModbusOutput) -> float:
     """Return the smallest change that the register shows, V; 0 for a float."""
     return 0.0 if output.type.startswith("f") else abs(output.scale)
 
@@ -43,13 +38,18 @@ class Watchdog:
         ``[daq.output.watchdog]``.
     """
 
-    def __init__(self, access: Access, table: ModbusAcquisition, spec: ModbusWatchdog) -> None:
+    def __init__(
+        self,
+        access: Access,
+        table: acquiring_modbus.ModbusAcquisition,
+        spec: acquiring_modbus.ModbusWatchdog,
+    ) -> None:
         self._access = access
         self._spec = spec
         self._time = place_of(table, spec.time)
         self._tripped = place_of(table, spec.tripped)
         self._clear = [(place_of(table, write), write) for write in spec.clear]
-        self._feed: tuple[Register, ModbusFeed] | None = (
+        self._feed: tuple[Register, acquiring_modbus.ModbusFeed] | None = (
             None if spec.feed is None else (place_of(table, spec.feed), spec.feed)
         )
         self._beats = 0
@@ -131,7 +131,12 @@ class Outputs(HostOutputs):
         ``[daq.output]``.
     """
 
-    def __init__(self, access: Access, table: ModbusAcquisition, output: ModbusOutput) -> None:
+    def __init__(
+        self,
+        access: Access,
+        table: acquiring_modbus.ModbusAcquisition,
+        output: acquiring_modbus.ModbusOutput,
+    ) -> None:
         self._place = place_of(table, output)
         # what still counts as zero, V: one step; of a float, less than moves any motor
         super().__init__(

@@ -13,18 +13,7 @@ from hdbench.devices.node import registers as reg
 from hdbench.devices.node.blocks import BlockExchange, channel_bits
 from hdbench.devices.registers import Register, Value, as_float32, decode_group, encode_group
 from hdbench.devices.transactor import TWICE, Build, Transactor, same_reply, was_answered
-from hdbench.devices.wire.link import (
-    ExceptionReply,
-    FrameError,
-    Link,
-    ReplyCheck,
-    StaleReply,
-    exchange_registers,
-    read_registers,
-    registers_check,
-    write_register,
-    write_registers,
-)
+from hdbench.devices.wire import link as wire
 from hdbench.errors import BusyError, DeviceError, HdbenchError
 from hdbench.profile.schema import ReferenceWave
 from hdbench.profile.waves import ReferenceProgram
@@ -40,10 +29,10 @@ _FIXES = {
 _PROBE_COUNTS = (3, 5, 7, 9, 11, 13, 17, 19)
 
 
-def node_probe(number: int) -> tuple[bytes, ReplyCheck]:
+def node_probe(number: int) -> tuple[bytes, wire.ReplyCheck]:
     """Return the n-th who-are-you read of a node, a `hdbench.devices.wire.Probe`."""
     count = _PROBE_COUNTS[number % len(_PROBE_COUNTS)]
-    return read_registers(reg.IDENTITY[0].address, count)
+    return wire.read_registers(reg.IDENTITY[0].address, count)
 
 
 def span(group: Sequence[Register]) -> tuple[int, int]:
@@ -131,7 +120,7 @@ class NodeAccess(Transactor):
     _has_program = False
 
     def __init__(
-        self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
+        self, link: wire.Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
         super().__init__(link, deadline_s=deadline_s, clock=clock)
         self._session = 0
@@ -141,21 +130,21 @@ class NodeAccess(Transactor):
     def read(self, group: Sequence[Register]) -> bytes:
         """Return the bytes of adjacent registers."""
         address, count = span(group)
-        return self._repeat(lambda: read_registers(address, count), group[0].name)
+        return self._repeat(lambda: wire.read_registers(address, count), group[0].name)
 
     def read_status(self) -> bytes:
         """Return the status block of this moment, tagged so that it can be no older one."""
         address, count = span(reg.STATUS)
 
-        def build() -> tuple[bytes, ReplyCheck]:
+        def build() -> tuple[bytes, wire.ReplyCheck]:
             self._nonce = self._nonce % 0xFFFF + 1
             nonce = struct.pack(">H", self._nonce)
-            pdu, exact = exchange_registers(address, count, reg.NONCE[0].address, nonce)
+            pdu, exact = wire.exchange_registers(address, count, reg.NONCE[0].address, nonce)
 
             def check(reply: bytes) -> None:
                 exact(reply)
                 if reply[-2:] != nonce:
-                    raise StaleReply
+                    raise wire.StaleReply
 
             return pdu, check
 
@@ -164,7 +153,7 @@ class NodeAccess(Transactor):
     def exchange(self, window: BlockExchange, ack: int) -> bytes:
         """Acknowledge a block, feed the watchdog and read the window, in one transaction."""
 
-        def build() -> tuple[bytes, ReplyCheck]:
+        def build() -> tuple[bytes, wire.ReplyCheck]:
             self._heartbeat = self._heartbeat % 0xFFFF + 1
             return window.build(ack, self._heartbeat)
 
@@ -179,9 +168,9 @@ class NodeAccess(Transactor):
         """Write `values` to adjacent registers, sent exactly once."""
         address, count = writable(group, values)
         request = (
-            write_register(address, int.from_bytes(values, "big"))
+            wire.write_register(address, int.from_bytes(values, "big"))
             if count == 1
-            else write_registers(address, values)
+            else wire.write_registers(address, values)
         )
         self.transact(lambda: request, group[0].name, 1)
 
@@ -207,10 +196,10 @@ class NodeAccess(Transactor):
             super()._reopened(until_s)
             return
         address, token = reg.register("session").address, struct.pack(">I", self._session)
-        asked = exchange_registers(*span(reg.IDENTITY), address, token)
+        asked = wire.exchange_registers(*span(reg.IDENTITY), address, token)
         try:
             self._send(*same_reply(asked, self._shown), until_s)
-        except ExceptionReply:
+        except wire.ExceptionReply:
             # the session is lost; without it a new connection may still read, and stop the motor
             self._session = 0
             raise
@@ -218,7 +207,7 @@ class NodeAccess(Transactor):
     def _repeat(self, build: Build, name: str) -> bytes:
         return self.transact(build, name, TWICE)[2:]
 
-    def _refused(self, reply: ExceptionReply, name: str, until_s: float) -> HdbenchError:
+    def _refused(self, reply: wire.ExceptionReply, name: str, until_s: float) -> HdbenchError:
         """Return what the node's exception means, with its own reason where it gives one."""
         reason, address = self._reason(until_s)
         entry = reg.register_at(address) if reason else None
@@ -233,12 +222,12 @@ class NodeAccess(Transactor):
 
     def _reason(self, until_s: float) -> tuple[reg.Refusal, int]:
         """Ask, once and in what is left of the deadline, why the last request was refused."""
-        pdu, _ = read_registers(reg.register("refusal").address, 2)
+        request = wire.read_registers(reg.register("refusal").address, 2)
         try:
-            reply = self._link.transact(pdu, registers_check(3, 2), until_s)
+            reply = self._link.transact(*request, until_s)
             code, where = struct.unpack(">HH", reply[2:])
             return reg.Refusal(code), where
-        except (ExceptionReply, FrameError, ValueError):
+        except (wire.ExceptionReply, wire.FrameError, ValueError):
             return reg.Refusal.NONE, 0
 
     def _fault(self, what: str, name: str) -> DeviceError:
@@ -253,7 +242,7 @@ class NodeAccess(Transactor):
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
         if self._identity is None:
-            request = read_registers(*span(reg.IDENTITY))
+            request = wire.read_registers(*span(reg.IDENTITY))
             reply = self.transact(lambda: request, reg.IDENTITY[0].name, TWICE)
             values = decode_group(reg.IDENTITY, reply[2:])
             if values["word_order"] != reg.WORD_ORDER_TEST:

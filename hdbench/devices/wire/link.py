@@ -204,6 +204,16 @@ class Link(Protocol):
         """Close the connection; never raises. The next transaction opens it again."""
 
 
+def greet(link: Link, until_s: float) -> None:
+    """Call what is to come first on a fresh connection; one that did not begin well is closed."""
+    if link.opened is not None:
+        try:
+            link.opened(until_s)
+        except Exception:
+            link.close()
+            raise
+
+
 def connect(
     address: Address,
     *,

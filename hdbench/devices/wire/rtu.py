@@ -9,16 +9,15 @@ from array import array
 from collections.abc import Callable
 
 from hdbench.devices.wire.address import Address
-from hdbench.devices.wire.link import ExceptionReply, FrameError, Probe, ReplyCheck, StaleReply
-from hdbench.system.lines import (
-    FAST_BD,
-    Claim,
-    PortIo,
-    hold_wakeup,
-    open_port,
-    port_io,
-    release_wakeup,
+from hdbench.devices.wire.link import (
+    ExceptionReply,
+    FrameError,
+    Probe,
+    ReplyCheck,
+    StaleReply,
+    greet,
 )
+from hdbench.system import lines
 
 CRC_START = 0xFFFF
 """The remainder before the first character."""
@@ -99,16 +98,16 @@ class RtuLink:
     _line = "serial port"
 
     def __init__(
-        self, address: Address, unit: int, probe: Probe | None = None, claim: Claim = "hold"
+        self, address: Address, unit: int, probe: Probe | None = None, claim: lines.Claim = "hold"
     ) -> None:
-        self._claim: Claim = claim
+        self._claim: lines.Claim = claim
         self.where = str(address)
         self.opened: Callable[[float], None] | None = None
         self._address = address
         self._silence_s = address.serial.silence_s
         self._unit = bytes((unit,))
         self._probe = probe
-        self._io: PortIo | None = None
+        self._io: lines.PortIo | None = None
         self._awake: int | None = None
         self._received = b""
         self._doubtful = self._robbed = False
@@ -136,13 +135,13 @@ class RtuLink:
         """Close the port; never raises."""
         io, self._io = self._io, None
         awake, self._awake = self._awake, None
-        release_wakeup(awake)
+        lines.release_wakeup(awake)
         self._received = b""
         if io is not None:
             with contextlib.suppress(OSError):
                 io.close()
 
-    def _once(self, io: PortIo, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+    def _once(self, io: lines.PortIo, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         frame = self._unit + pdu
         self._send(io, frame + crc16(frame), until_s)
         while True:
@@ -155,7 +154,7 @@ class RtuLink:
                 continue
             return reply
 
-    def _send(self, io: PortIo, frame: bytes, until_s: float) -> None:
+    def _send(self, io: lines.PortIo, frame: bytes, until_s: float) -> None:
         """Send `frame` after the silence between frames; what came before it is thrown away."""
         self._be_silent(io, until_s)
         while True:
@@ -167,7 +166,7 @@ class RtuLink:
             if not left_s > 0.0 or not io.writable(left_s):
                 raise FrameError("the serial port takes no characters")
 
-    def _be_silent(self, io: PortIo, until_s: float) -> None:
+    def _be_silent(self, io: lines.PortIo, until_s: float) -> None:
         """Wait for the silence between frames; characters that come begin it anew."""
         self._received = b""
         while (wait_s := self._silent_from_s + self._silence_s - time.monotonic()) > 0.0 or (
@@ -180,7 +179,7 @@ class RtuLink:
             if io.readable(min(wait_s - _SHORT_S, left_s)) and (self._take(io)):
                 self._silent_from_s = time.monotonic()
 
-    def _reply(self, io: PortIo, until_s: float) -> bytes:
+    def _reply(self, io: lines.PortIo, until_s: float) -> bytes:
         """Return function code and data of the next frame; its checksum is made as it comes."""
         data, piece = b"", self._received
         size, remainder = None, CRC_START
@@ -202,7 +201,7 @@ class RtuLink:
             raise FrameError(f"unit {data[0]} answers; needed: {self._unit[0]}")
         return data[1 : size - 2]
 
-    def _piece(self, io: PortIo, until_s: float) -> bytes:
+    def _piece(self, io: lines.PortIo, until_s: float) -> bytes:
         """Return what has come of a reply, once something has."""
         while True:
             ready = io.readable(until_s - time.monotonic())
@@ -213,7 +212,7 @@ class RtuLink:
                 other = "; another program reads from this port" if self._robbed else ""
                 raise FrameError(f"no valid reply in time{other}")
 
-    def _make_sure(self, io: PortIo, until_s: float) -> None:
+    def _make_sure(self, io: lines.PortIo, until_s: float) -> None:
         """Wait for a quiet line, drop what came, and let the device say who it is."""
         fault = FrameError("the line did not become quiet in time")
         while True:
@@ -238,7 +237,7 @@ class RtuLink:
             break
         self._doubtful = False
 
-    def _take(self, io: PortIo) -> bytes:
+    def _take(self, io: lines.PortIo) -> bytes:
         """Return what has come; nothing where somebody else was faster."""
         data = io.read(_CHUNK)
         if not data:
@@ -247,28 +246,22 @@ class RtuLink:
             self._robbed = True
         return data
 
-    def _connected(self, until_s: float) -> PortIo:
+    def _connected(self, until_s: float) -> lines.PortIo:
         if self._io is None:
             io = self._io = self._opened(until_s)
-            if self._address.serial.baud_bd > FAST_BD:
-                self._awake = hold_wakeup()
+            if self._address.serial.baud_bd > lines.FAST_BD:
+                self._awake = lines.hold_wakeup()
             self._received = b""
             # a program before this one may have left a question open
             self._doubtful = True
-            if self.opened is not None:
-                try:
-                    self.opened(until_s)
-                except Exception:
-                    # nothing is asked on a connection that did not begin well
-                    self.close()
-                    raise
+            greet(self, until_s)
             return io
         return self._io
 
-    def _opened(self, until_s: float) -> PortIo:
+    def _opened(self, until_s: float) -> lines.PortIo:
         line = self._address.serial
         try:
-            port = open_port(
+            port = lines.open_port(
                 self._address.path,
                 self.where,
                 baud_bd=line.baud_bd,
@@ -279,4 +272,4 @@ class RtuLink:
             )
         except ValueError as error:
             raise FrameError(f"the port does not take these settings ({error})") from error
-        return port_io(port)
+        return lines.port_io(port)

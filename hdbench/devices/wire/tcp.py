@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hdbench.devices.wire.address import Address, dial
-from hdbench.devices.wire.link import ExceptionReply, FrameError, ReplyCheck, StaleReply
+from hdbench.devices.wire.link import ExceptionReply, FrameError, ReplyCheck, StaleReply, greet
 from hdbench.errors import UsageError
 from hdbench.system.files import is_private
 from hdbench.system.sockets import TimedSocket
@@ -173,13 +173,7 @@ class TcpLink:
                 raise
         timed = TimedSocket(connection)
         self._socket, self._received = timed, b""
-        if self.opened is not None:
-            try:
-                self.opened(until_s)
-            except Exception:
-                # nothing is asked on a connection that did not begin well
-                self.close()
-                raise
+        greet(self, until_s)
         return timed
 
     def _receive(self, connection: TimedSocket, until_s: float) -> bytes:
