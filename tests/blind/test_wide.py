@@ -11,7 +11,7 @@ import pytest
 from injector.build import Case, Hidden
 from injector.cases import grid, make
 from injector.many import GROUPS, groups_in_turn
-from injector.nuisances import NEUTRAL
+from injector.nuisances import NUISANCES, neutral_names
 from injector.signatures import axes_of
 from injector.unseen import AXES
 from real_records import real_cases
@@ -73,7 +73,7 @@ def test_a_pair_hides_the_same_and_differs_by_its_nuisances():
     assert plain.truth["hidden"][0]["size"] == rough.truth["hidden"][0]["size"]
     assert plain.truth["nuisances"] == rough.truth["nuisances"]
     assert not plain.truth["neutral"]
-    assert set(rough.truth["neutral"]) <= set().union(*NEUTRAL.values())
+    assert set(rough.truth["neutral"]) <= set(neutral_names(NUISANCES))
     assert {"time_s", "torque_nm", "motor_velocity_rad_s"} <= set(rough.columns)
     for made in (plain, rough):
         assert np.all(np.diff(made.columns["time_s"]) > 0.0)
@@ -83,7 +83,7 @@ def test_a_pair_hides_the_same_and_differs_by_its_nuisances():
 def test_every_nuisance_alone_makes_a_record(monkeypatch):
     from injector import nuisances, rough
 
-    for name in NEUTRAL:
+    for name in NUISANCES:
         drawn = {name: nuisances._draw(name, np.random.default_rng(3))}
         monkeypatch.setattr(rough, "draw_nuisances", lambda rng, drawn=drawn: drawn)
         made = make(pair(_SEED + 2)[1])

@@ -10,7 +10,6 @@ from .faults import ACQUISITION, FAULTS
 from .geometry import Whitened, sine_squares
 from .lines import LINES
 from .mechanics import MECHANICS
-from .motion import RECORDS, duel_pieces
 from .outside import ACCEPTED, OUTSIDE
 from .unseen import UNSEEN
 
@@ -184,12 +183,11 @@ def _fault_effect(hidden, scene, white, rng, channels):
 def scene_of(case):
     """Draw the bench and the motion of `case`."""
     rng = np.random.default_rng([case.seed, 1])
-    pieces = None if case.record in RECORDS else duel_pieces(case.record, rng)
     noise = Noise(case.noise, case.sigma_nm)
     # twist in the angles would tell a bent spring from a bent sensor: not in these records
     bent = any("stiffness" in hidden.name or "cubic" in hidden.name for hidden in case.hidden)
     second = not bent and np.random.default_rng([case.seed, 5]).random() < 0.2
-    return draw_scene(case.record, noise, case.bits, rng, pieces, second)
+    return draw_scene(case.record, noise, case.bits, rng, second_encoder=second)
 
 
 def build(case, scene=None, tell=None):

@@ -20,14 +20,14 @@ TABLE = read_table("families")
 class Family:
     """One kind of effect; families.toml has what stands beside its law.
 
-    `columns(scene, shape)` gives the torque per unit of size, N m, (n, k); `draw(rng, scene)` the
-    shape: floats by name, and `weights`, how the columns mix. A late stage of the channel acts on
-    all torque of the stages before it.
+    `law(scene, shape)` gives the torque per unit of size, N m, (n,) or (n, k). A shape has floats
+    by name, and `weights`, how the columns mix. Its `numbers` are drawn by the laws of the table,
+    or by a function of the generator. A late stage of the channel acts on all torque of the stages
+    before it.
     """
 
     name: str
-    columns: Callable
-    draw: Callable
+    law: Callable
     physical: tuple
     domain: str = "time"
     loaded: bool = False
@@ -37,35 +37,89 @@ class Family:
     steps: Mapping = field(default_factory=dict)
     shapes: tuple = ({},)
     records: tuple = ()
+    numbers: Mapping | Callable = field(default_factory=dict)
+    weights: str = "one"
+
+    def columns(self, scene, shape):
+        """Torque per unit of size, N m, (n, k)."""
+        torque = np.asarray(self.law(scene, shape))
+        return torque if torque.ndim == 2 else torque[:, None]
 
     def grid(self, scene):
         """Shapes that stand for the family where it is only compared."""
-        return [
-            {k: v * scene.path.seconds if k.endswith("_s") else v for k, v in shape.items()}
-            for shape in self.shapes
-        ]
+        return [_in_seconds(scene, shape) for shape in self.shapes]
+
+    def draw(self, rng, scene):
+        """Draw a shape."""
+        shape = self.numbers(rng) if callable(self.numbers) else draw_numbers(self.numbers, rng)
+        return {**_in_seconds(scene, shape), "weights": WEIGHTS[self.weights](rng)}
 
 
-def families(laws, table=TABLE):
-    """The families of laws: (columns, draw) by name."""
+def _in_seconds(scene, shape):
+    return {k: v * scene.path.seconds if k.endswith("_s") else v for k, v in shape.items()}
+
+
+def families(laws, table=TABLE, numbers=(), kind=Family):
+    """The families of laws by name; `numbers` are functions that draw what no table tells."""
     out = []
     for name, law in laws.items():
-        entry = dict(table[name])
+        entry = {**table[name], **({"numbers": numbers[name]} if name in numbers else {})}
         usual = ("short", "protocol") if entry.get("loaded") else ("mixed", "short", "protocol")
         entry["records"] = tuple(entry.get("records", usual))
         entry["shapes"] = tuple(entry.pop("grid", ({},)))
-        out.append(Family(name, *law, **entry))
+        out.append(kind(name, law, **entry))
     return tuple(out)
 
 
-def unit(rng, scene):
-    """A shape of one column."""
-    return {"weights": (1.0,)}
+def draw_numbers(laws, rng):
+    """Draw numbers by name, each by its law: [low, high], or one of LAWS."""
+    out = {}
+    for name, law in laws.items():
+        ((kind, values),) = law.items() if isinstance(law, dict) else [("even", law)]
+        out[name] = LAWS[kind](rng, *values)
+    return out
 
 
-def column(curve):
-    """Columns of a law that has one."""
-    return lambda scene, shape: np.asarray(curve(scene, shape))[:, None]
+LAWS = {
+    "even": lambda rng, low, high: float(rng.uniform(low, high)),
+    "signed": lambda rng, low, high: float(rng.uniform(low, high) * rng.choice([-1.0, 1.0])),
+    "by ratio": lambda rng, low, high: float(np.exp(rng.uniform(np.log(low), np.log(high)))),
+    "near": lambda rng, *values: np.array(values) * rng.uniform(0.93, 1.07, len(values)),
+    "one of": lambda rng, *values: float(rng.choice(values)),
+    "whole": lambda rng, low, high: int(rng.integers(low, high)),
+    "seed": lambda rng: float(rng.integers(2**31)),
+    "phases": lambda rng, count: rng.uniform(-np.pi, np.pi, count).tolist(),
+}
+
+
+def _phases(count):
+    """Cosine and sine of a random phase for each harmonic, the next half as large."""
+
+    def weights(rng):
+        phase, size = rng.uniform(-np.pi, np.pi, count), 0.5 ** np.arange(count)
+        return tuple(np.column_stack([size * np.cos(phase), size * np.sin(phase)]).ravel())
+
+    return weights
+
+
+def _beat(rng):
+    beat, phase = rng.uniform(-np.pi, np.pi, 2)
+    return tuple(np.outer([np.cos(beat), np.sin(beat)], [np.cos(phase), np.sin(phase)]).ravel())
+
+
+def _mirrored(rng):
+    cosine, sine = _phases(1)(rng)
+    return cosine, -sine
+
+
+WEIGHTS = {
+    "one": lambda rng: (1.0,),
+    "sign": lambda rng: (float(rng.choice([1.0, -1.0])),),
+    "phase": _phases(1),
+    "three phases": _phases(3),
+    "beat": _beat,
+    "mirrored": _mirrored,
+}
 
 
 def effect(family, scene, shape, size):

@@ -1,9 +1,11 @@
 """Faults of the acquisition that act on channels, and bad data that a broken bench hands over."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
+
+from .family import TABLE, draw_numbers
 
 _COUNT = 2.0 * np.pi / 4000.0
 _BIT_NM = 20.0 / 65536.0 * 6.6
@@ -14,17 +16,22 @@ class Fault:
     """One fault: `apply(channels, scene, shape, size, rng)` changes channels in place.
 
     `sigmas(scene, white, shape)` is the detectability at size 1 (None: physical sizes only); it
-    grows with the size to the `power`.
+    grows with the size to the `power`. families.toml has the rest.
     """
 
     name: str
-    draw: Callable
     apply: Callable
+    sigmas: Callable | None
     physical: tuple
-    sigmas: Callable | None = None
     domain: str = "time"
     power: int = 1
+    numbers: Mapping = field(default_factory=dict)
+    late: bool = False
     records: tuple = ("mixed", "short", "protocol")
+
+    def draw(self, rng, scene):
+        """Draw a shape; a late one begins while the shaft turns."""
+        return _late(rng, scene) if self.late else draw_numbers(self.numbers, rng)
 
 
 def _late(rng, scene):
@@ -46,13 +53,9 @@ def _slip_sigmas(scene, white, shape):
     return float(np.sqrt(left @ left))
 
 
-def _commutator(scene, shape):
-    path = scene.path
-    return path.speed * np.cos(shape["segments"] * path.angle + shape["phase_rad"])
-
-
 def _tacho(channels, scene, shape, size, rng):
-    channels["tacho"] += size * _commutator(scene, shape)
+    wave = np.cos(shape["segments"] * scene.path.angle + shape["phase_rad"])
+    channels["tacho"] += size * (scene.path.speed * wave)
 
 
 def _variance(scene):
@@ -86,33 +89,15 @@ def _lost(channels, scene, shape, size, rng):
     channels["lost"] = (first, first + round(size))
 
 
-def _segments(rng, scene):
-    return {"segments": float(rng.choice([22.0, 26.0])), "phase_rad": float(rng.uniform(-3, 3))}
-
-
-ACQUISITION = (
-    Fault("encoder-slip", _late, _slipped, (3.0, 20.0, 400.0), _slip_sigmas),
-    Fault("tacho-ripple", _segments, _tacho, (0.005, 0.015, 0.04), None, "velocity"),
-    Fault(
-        "speed-dependent-noise",
-        lambda rng, scene: {},
-        _rough,
-        (0.5, 1.0, 3.0),
-        _rough_sigmas,
-        "variance",
-        2,
-    ),
-    Fault(
-        "spikes",
-        lambda rng, scene: {"spikes": float(rng.choice([10, 40, 150]))},
-        _spikes,
-        (10.0, 20.0, 60.0),
-        None,
-        "outliers",
-    ),
-    Fault("quantisation", lambda rng, scene: {}, _coarse, (5.0, 6.0, 8.0), None, "torque"),
-    Fault("missed-samples", _late, _lost, (5.0, 30.0, 150.0), None, "time"),
-)
+_LAWS = {
+    "encoder-slip": (_slipped, _slip_sigmas),
+    "tacho-ripple": (_tacho, None),
+    "speed-dependent-noise": (_rough, _rough_sigmas),
+    "spikes": (_spikes, None),
+    "quantisation": (_coarse, None),
+    "missed-samples": (_lost, None),
+}
+ACQUISITION = tuple(Fault(name, *laws, **TABLE["faults"][name]) for name, laws in _LAWS.items())
 
 
 def _span(columns, rng, low, high):

@@ -11,24 +11,7 @@ _TEETH = 202.0
 _ARCMIN = np.pi / 180.0 / 60.0
 
 
-def _mixed(count):
-    def weights(rng):
-        phase = rng.uniform(-np.pi, np.pi, count)
-        size = 0.5 ** np.arange(count)
-        return tuple(np.column_stack([size * np.cos(phase), size * np.sin(phase)]).ravel())
-
-    return weights
-
-
-def _phase(rng, scene):
-    return {"weights": _mixed(1)(rng)}
-
-
-def _order(rng, scene):
-    return {"order": float(rng.choice([3.0, 5.0, 6.0, 7.0, 8.0, 10.0])), **_phase(rng, scene)}
-
-
-def _bearing(rng, scene):
+def _bearing(rng):
     """Rolling elements, ball ratio and contact angle of a wave-generator bearing."""
     balls, ratio = int(rng.integers(17, 26)), rng.uniform(0.07, 0.13)
     slope = ratio * np.cos(rng.uniform(0.0, 0.3))
@@ -37,13 +20,7 @@ def _bearing(rng, scene):
         0.5 * balls * (1.0 + slope),
         (1.0 - slope**2) / (2.0 * ratio),
     )
-    return {"order": float(orders[rng.integers(3)]), "weights": _mixed(3)(rng)}
-
-
-def _beat(rng, scene):
-    beat, phase = rng.uniform(-np.pi, np.pi, 2)
-    one = np.array([np.cos(phase), np.sin(phase)])
-    return {"weights": tuple(np.concatenate([np.cos(beat) * one, np.sin(beat) * one]))}
+    return {"order": float(orders[rng.integers(3)])}
 
 
 def _resonator(hertz, damping):
@@ -59,12 +36,11 @@ def _resonance(scene, shape):
     return lfilter(over, under, drive, axis=0)[::EVERY]
 
 
-def _draw_resonance(rng, scene):
-    four = rng.random() < 0.75
-    hertz = rng.uniform(150.0, 206.0) if four else rng.uniform(95.0, 115.0)
-    damping = float(rng.uniform(0.02, 0.05))
-    order = 4.0 if four else 2.0
-    return {"order": order, "resonance_hz": float(hertz), "damping": damping, **_phase(rng, scene)}
+def _driven(rng):
+    """The order that drives a resonance, and its place within the speeds of the records."""
+    order, low, high = (4.0, 150.0, 206.0) if rng.random() < 0.75 else (2.0, 95.0, 115.0)
+    hertz = float(rng.uniform(low, high))
+    return {"order": order, "resonance_hz": hertz, "damping": float(rng.uniform(0.02, 0.05))}
 
 
 def _kinematic(scene, shape):
@@ -77,16 +53,12 @@ def _kinematic(scene, shape):
     return LOAD_INERTIA * _ARCMIN * lfilter(over, under, error, axis=0)[::EVERY]
 
 
-def _unit(place):
-    return lambda scene, shape: waves(place * scene.path.angle)
-
-
 def _clock(scene, shape):
     return waves(2.0 * np.pi * shape["frequency_hz"] * scene.path.time)
 
 
-def _at(rng, hertz):
-    return {"frequency_hz": float(hertz), **_phase(rng, None)}
+def _mains(rng):
+    return {"frequency_hz": float(50.0 + rng.uniform(-0.04, 0.04))}
 
 
 def _tone(rng):
@@ -94,49 +66,66 @@ def _tone(rng):
     place = 50.0
     while abs(place - 50.0) < 3.0 or abs(place - 60.0) < 3.0:
         place = float(rng.uniform(5.0, 450.0))
-    return place
+    return {"frequency_hz": place}
 
 
-LINES = families({
-    "ripple-harmonic": (lambda scene, shape: waves(shape["order"] * scene.path.angle), _order),
-    "wave-generator-eccentricity": (_unit(1.0), _phase),
-    "motor-unbalance": (
-        lambda scene, shape: (scene.path.speed[:, None] / 300.0) ** 2 * waves(scene.path.angle),
-        _phase,
-    ),
-    "load-dependent-ripple": (
-        lambda scene, shape: (
-            np.sqrt(scene.tau[:, None] ** 2 + 0.01) * waves(2.0 * scene.path.angle)
-        ),
-        _phase,
-    ),
-    "torsional-resonance": (_resonance, _draw_resonance),
-    "ripple-beat": (
-        lambda scene, shape: np.column_stack(
-            [wave[:, None] * waves(2.0 * scene.path.angle) for wave in waves(scene.path.output).T]
-        ),
-        _beat,
-    ),
-    "kinematic-error": (
-        _kinematic,
-        lambda rng, scene: {"order": float(rng.choice([1.0, 2.0, 2.0, 4.0])), **_phase(rng, scene)},
-    ),
-    "tooth-mesh": (_unit(_TEETH), _phase),
-    "bearing-defect": (
-        lambda scene, shape: np.column_stack(
-            [waves(m * shape["order"] * scene.path.angle) for m in (1.0, 2.0, 3.0)]
-        ),
-        _bearing,
-    ),
-    "gain-ripple": (
-        lambda scene, shape: scene.tau[:, None] * waves(2.0 * scene.path.angle), _phase
-    ),
-    "angular-misalignment": (lambda scene, shape: waves(2.0 * scene.path.output), _phase),
-    "position-dependent-gain": (
-        lambda scene, shape: scene.tau[:, None] * waves(shape["output_order"] * scene.path.output),
-        lambda rng, scene: {"output_order": float(rng.choice([1.0, 2.0])), **_phase(rng, scene)},
-    ),
-    "mains-hum": (_clock, lambda rng, scene: _at(rng, 50.0 + rng.uniform(-0.04, 0.04))),
-    "structural-tone": (_clock, lambda rng, scene: _at(rng, _tone(rng))),
-    "arm-sag": (lambda scene, shape: waves(2.0 * scene.path.output), _phase),
-})  # fmt: skip
+def line(order=None, harmonics=(1.0,)):
+    """Law of a line at `order` of the motor, or at the one that the shape gives."""
+
+    def law(scene, shape):
+        place = shape["order"] if order is None else order
+        return np.column_stack([waves(m * place * scene.path.angle) for m in harmonics])
+
+    return law
+
+
+def _twice_output(scene, shape):
+    return waves(2.0 * scene.path.output)
+
+
+def _beat(scene, shape):
+    ripple = waves(2.0 * scene.path.angle)
+    return np.column_stack([wave[:, None] * ripple for wave in waves(scene.path.output).T])
+
+
+def _unbalance(scene, shape):
+    return (scene.path.speed[:, None] / 300.0) ** 2 * waves(scene.path.angle)
+
+
+def _loaded_ripple(scene, shape):
+    return np.sqrt(scene.tau[:, None] ** 2 + 0.01) * waves(2.0 * scene.path.angle)
+
+
+def _gain_ripple(scene, shape):
+    return scene.tau[:, None] * waves(2.0 * scene.path.angle)
+
+
+def _gain_of_position(scene, shape):
+    return scene.tau[:, None] * waves(shape["output_order"] * scene.path.output)
+
+
+LINES = families(
+    {
+        "ripple-harmonic": line(),
+        "wave-generator-eccentricity": line(1.0),
+        "motor-unbalance": _unbalance,
+        "load-dependent-ripple": _loaded_ripple,
+        "torsional-resonance": _resonance,
+        "ripple-beat": _beat,
+        "kinematic-error": _kinematic,
+        "tooth-mesh": line(_TEETH),
+        "bearing-defect": line(harmonics=(1.0, 2.0, 3.0)),
+        "gain-ripple": _gain_ripple,
+        "angular-misalignment": _twice_output,
+        "position-dependent-gain": _gain_of_position,
+        "mains-hum": _clock,
+        "structural-tone": _clock,
+        "arm-sag": _twice_output,
+    },
+    numbers={
+        "torsional-resonance": _driven,
+        "bearing-defect": _bearing,
+        "mains-hum": _mains,
+        "structural-tone": _tone,
+    },
+)

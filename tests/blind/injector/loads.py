@@ -6,7 +6,7 @@ import numpy as np
 
 from .bench import Noise
 from .build import TIERS, Case, Hidden, Made, described, size_of, truth_of
-from .family import TABLE, branch_loop, column, families, sign_curve, unit, waves
+from .family import TABLE, branch_loop, families, sign_curve, waves
 from .geometry import Whitened
 
 _GRAVITY = 9.80650
@@ -120,42 +120,28 @@ def _knee(loading, shape):
     return load / (1.0 + (load * shape["size"]) ** 4) ** 0.25 - load
 
 
-def _phase(rng, loading):
-    phase = rng.uniform(-np.pi, np.pi)
-    return {"weights": (float(np.cos(phase)), -float(np.sin(phase)))}
+def _gain_of_position(loading, shape):
+    return loading.torque[:, None] * waves(loading.position)
 
 
-STATIC = families({
-    "hysteresis": (
-        column(_loop),
-        lambda rng, loading: {"reach": float(rng.uniform(1.5, 8.0)),
-                              "skew": float(rng.uniform(0.0, 0.35)), "weights": (1.0,)},
-    ),
-    "cubic-nonlinearity": (
-        column(lambda loading, shape: (loading.torque / _FULL_NM) ** 3), unit
-    ),
-    "position-dependent-gain": (
-        lambda loading, shape: loading.torque[:, None] * waves(loading.position), _phase
-    ),
-    "direction-asymmetry": (column(lambda loading, shape: np.abs(loading.torque)), unit),
-    "zero-drift": (column(lambda loading, shape: loading.time / 3600.0), unit),
-    "saturation": (column(_knee), unit),
-    "creep": (
-        column(_creep),
-        lambda rng, loading: {"constant": float(rng.uniform(60.0, 400.0)), "weights": (1.0,)},
-    ),
-    "arm-sag": (
-        column(_sag),
-        lambda rng, loading: {"tilt_rad": float(rng.uniform(0.03, 0.12) * rng.choice([-1.0, 1.0])),
-                              "weights": (1.0,)},
-    ),
-    "backlash": (
-        column(lambda loading, shape: -shape["size"] * sign_curve(loading.torque, shape["size"])),
-        unit,
-    ),
-}, TABLE["loads"])  # fmt: skip
+def _dead_zone(loading, shape):
+    return -shape["size"] * sign_curve(loading.torque, shape["size"])
 
 
+STATIC = families(
+    {
+        "hysteresis": _loop,
+        "cubic-nonlinearity": lambda loading, shape: (loading.torque / _FULL_NM) ** 3,
+        "position-dependent-gain": _gain_of_position,
+        "direction-asymmetry": lambda loading, shape: np.abs(loading.torque),
+        "zero-drift": lambda loading, shape: loading.time / 3600.0,
+        "saturation": _knee,
+        "creep": _creep,
+        "arm-sag": _sag,
+        "backlash": _dead_zone,
+    },
+    TABLE["loads"],
+)
 _NM_PER_VOLT = 6.6
 _STATIC = {family.name: family for family in STATIC}
 LOAD_FAMILIES = tuple(_STATIC)

@@ -6,65 +6,29 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt, welch
 
+from .family import draw_numbers, read_table
 from .motion import FINE_S, RATIO, STIFFNESS, turned
 
 _RATE = 1000.0
 _RANGE_RAD_S = 562.565
-# names of the catalogue that tell a nuisance by its own name: they count neither way
-NEUTRAL = {
-    "output-encoder": {"transmission-error"},
-    "velocity": {"tacho-ripple", "time-skew"},
-    "false-stamps": {"missed-samples", "time-skew"},
-    "held": {"missed-samples"},
-    "gaps": {"missed-samples"},
-    "low-pass": {"time-skew"},
-    "speed-ripple": set(),
-    "gain": {"gain-error"},
-    "inertia": {"inertia-error"},
-    "transients": set(),
-    "rate": set(),
-}
-
-
-def _signed(rng, low, high):
-    return float(rng.uniform(low, high) * rng.choice([-1.0, 1.0]))
+NUISANCES = read_table("nuisances")
 
 
 def _draw(name, rng):
-    uniform, flag = rng.uniform, bool(rng.random() < 0.5)
-    if name == "output-encoder":
-        phases = [float(value) for value in uniform(-np.pi, np.pi, 3)]
-        return {"error_rad": float(uniform(0.5e-3, 3e-3)), "phases": phases}
-    if name == "velocity":
-        return {"differences": flag, "delay_s": float(uniform(0.002, 0.02))}
-    if name == "false-stamps":
-        return {"jitter": float(uniform(0.1, 0.4))}
-    if name == "held":
-        return {"share": float(uniform(0.01, 0.05)), "torque_only": flag}
-    if name == "gaps":
-        return {"count": int(rng.integers(2, 7)), "stamped": flag}
-    if name == "low-pass":
-        return {"hertz": float(np.exp(uniform(np.log(5.0), np.log(200.0)))), "causal": flag}
-    if name == "speed-ripple":
-        return {"rms_rad_s": float(uniform(0.1, 0.6)), "loop_hz": float(uniform(8.0, 25.0))}
-    if name == "gain":
-        return {"error": _signed(rng, 0.05, 0.15)}
-    if name == "inertia":
-        return {"error": _signed(rng, 0.1, 0.3)}
-    if name == "transients":
-        return {"sigmas": float(uniform(1.0, 4.0)), "hertz": float(uniform(6.0, 30.0)),
-                "decay_s": float(uniform(0.03, 0.1))}  # fmt: skip
-    return {"hertz": float(rng.choice([50, 100, 125, 200, 250, 500])), "anti_alias": flag}
+    entry, flag = NUISANCES[name], bool(rng.random() < 0.5)
+    numbers = draw_numbers(entry["draw"], rng)
+    return {**numbers, entry["flag"]: flag} if "flag" in entry else numbers
 
 
 def draw_nuisances(rng):
     """Draw one to four nuisances: name to numbers."""
-    names = rng.choice(sorted(NEUTRAL), int(rng.integers(1, 5)), replace=False)
+    names = rng.choice(sorted(NUISANCES), int(rng.integers(1, 5)), replace=False)
     return {str(name): _draw(str(name), rng) for name in sorted(names)}
 
 
 def neutral_names(nuisances):
-    return sorted(set().union(*(NEUTRAL[name] for name in nuisances), set()))
+    """Names that count neither way beside these nuisances."""
+    return sorted({told for name in nuisances for told in NUISANCES[name].get("neutral", ())})
 
 
 def _second_order(top, hertz, damping):

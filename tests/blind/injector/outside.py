@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .family import column, families, sign_curve, unit, waves
+from .family import families, sign_curve, waves
+from .lines import line
 
 # the catalogue's lines have a free order: at the right place such a name is no error; and
 # a walk of the zero may take any slow course
@@ -10,15 +11,6 @@ ACCEPTED = {
     name: ["ripple-harmonic", "bearing-defect"]
     for name in ("order-3.37", "order-8", "subharmonic-0.5")
 } | {"zero-swing": ["zero-random-walk"]}
-
-
-def _phase(rng, scene):
-    phase = rng.uniform(-np.pi, np.pi)
-    return {"weights": (float(np.cos(phase)), float(np.sin(phase)))}
-
-
-def _order(order):
-    return lambda scene, shape: waves(order * scene.path.angle)
 
 
 def _bump(scene, shape):
@@ -57,31 +49,21 @@ def _wander(scene, shape):
     return np.exp(-0.5 * ((time - shape["place"]) / 0.06) ** 2)
 
 
-def _place(name, low, high):
-    return lambda rng, scene: {name: float(rng.uniform(low, high)), "weights": (1.0,)}
+def _friction_of_angle(scene, shape):
+    return sign_curve(scene.path.speed, 0.6)[:, None] * waves(2.0 * scene.path.angle)
 
 
-OUTSIDE = families({
-    "order-3.37": (_order(3.37), _phase),
-    "order-8": (_order(8.0), _phase),
-    "subharmonic-0.5": (_order(0.5), _phase),
-    "tooth-damage": (column(_bump), _place("place_rad", 0.3, 2.5)),
-    "chirp": (
-        _chirp,
-        lambda rng, scene: {"from_hz": float(rng.uniform(20.0, 60.0)),
-                            "to_hz": float(rng.uniform(90.0, 200.0)), **_phase(rng, scene)},
-    ),
-    "windage": (column(_windage), unit),
-    "rate-times-speed": (column(_rate_speed), unit),
-    "zero-swing": (column(_wander), _place("place", 0.25, 0.75)),
-    "loose-contact": (
-        column(_contact),
-        lambda rng, scene: {"seed": float(rng.integers(2**31)), "weights": (1.0,)},
-    ),
-    "friction-of-angle": (
-        lambda scene, shape: (
-            sign_curve(scene.path.speed, 0.6)[:, None] * waves(2.0 * scene.path.angle)
-        ),
-        _phase,
-    ),
-})  # fmt: skip
+OUTSIDE = families(
+    {
+        "order-3.37": line(3.37),
+        "order-8": line(8.0),
+        "subharmonic-0.5": line(0.5),
+        "tooth-damage": _bump,
+        "chirp": _chirp,
+        "windage": _windage,
+        "rate-times-speed": _rate_speed,
+        "zero-swing": _wander,
+        "loose-contact": _contact,
+        "friction-of-angle": _friction_of_angle,
+    }
+)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .family import families, waves
+from .family import Family, families, waves
 
 # axis of a function: domains of an answer that mean it
 AXES = {
@@ -72,29 +72,31 @@ def _bursts(scene, rng):
     return out
 
 
-def _columns(scene, shape):
+def _law(scene, shape):
     rng = np.random.default_rng(int(shape["seed"]))
     if shape["recipe"] == "bursts":
-        return _bursts(scene, rng)[:, None]
+        return _bursts(scene, rng)
     curve = np.ones(len(scene.path.time))
     for axis in shape["axes"]:
         curve = curve * _curve(axis_values(scene, axis), axis in _TURNING, rng)
     if shape["recipe"] != "order":
-        return curve[:, None]
+        return curve
     return curve[:, None] * waves(shape["order"] * scene.path.angle)
 
 
-def _draw(rng, scene):
-    """A recipe: one axis, two of them, an order with an envelope, or bursts."""
-    able = [axis for axis in AXES if axis != "load" or scene.path.loaded]
-    recipe = str(rng.choice(["axis", "pair", "order", "bursts"], p=[0.4, 0.2, 0.25, 0.15]))
-    count = {"axis": 1, "pair": 2, "order": 1, "bursts": 0}[recipe]
-    axes = tuple(str(axis) for axis in rng.choice(able, count, replace=False))
-    phase = rng.uniform(-np.pi, np.pi)
-    order = float(rng.choice([rng.integers(1, 13), rng.uniform(0.3, 13.0)]))
-    weights = (float(np.cos(phase)), float(np.sin(phase))) if recipe == "order" else (1.0,)
-    shape = {"seed": float(rng.integers(2**31)), "recipe": recipe, "axes": axes, "weights": weights}
-    return {**shape, "order": order} if recipe == "order" else shape
+class _Composer(Family):
+    def draw(self, rng, scene):
+        """Draw a recipe: one axis, two of them, an order with an envelope, or bursts."""
+        able = [axis for axis in AXES if axis != "load" or scene.path.loaded]
+        recipe = str(rng.choice(["axis", "pair", "order", "bursts"], p=[0.4, 0.2, 0.25, 0.15]))
+        count = {"axis": 1, "pair": 2, "order": 1, "bursts": 0}[recipe]
+        axes = tuple(str(axis) for axis in rng.choice(able, count, replace=False))
+        phase = rng.uniform(-np.pi, np.pi)
+        order = float(rng.choice([rng.integers(1, 13), rng.uniform(0.3, 13.0)]))
+        shape = {"seed": float(rng.integers(2**31)), "recipe": recipe, "axes": axes}
+        if recipe != "order":
+            return {**shape, "weights": (1.0,)}
+        return {**shape, "order": order, "weights": (float(np.cos(phase)), float(np.sin(phase)))}
 
 
-(UNSEEN,) = families({"unseen": (_columns, _draw)})
+(UNSEEN,) = families({"unseen": _law}, kind=_Composer)
