@@ -72,7 +72,7 @@ def located(truth, answer):
 
 
 # sine squared below which names span the same space (contract, section 5) ...
-GROUP = 0.01
+_GROUP = 0.01
 # ... and below which a name that the answer puts into the group is not held against it: another
 # form of the same effect turns a column by some degrees
 _TOLERATED = 0.03
@@ -113,21 +113,18 @@ def names_of(cause):
     return {cause["name"], *cause.get("group", ()), *cause.get("rivals", ())}
 
 
-def _groups(entry):
-    """Names that mean the same on this record, and names that nearly do."""
-    alike = entry["alike"]
-    same = {name for name, value in alike.items() if value < GROUP} | set(entry.get("accept", ()))
-    return same, same | {name for name, value in alike.items() if value < _TOLERATED}
+def same_names(effect, limit=_GROUP):
+    """Names that mean the effect on its record."""
+    return frozenset(name for name, value in effect["alike"].items() if value < limit)
 
 
 def _fits(cause, entry):
-    same, _ = _groups(entry)
-    return bool(names_of(cause) & same)
+    return not names_of(cause).isdisjoint({*same_names(entry), *entry.get("accept", ())})
 
 
 def _is_exact(cause, entry):
-    same, near = _groups(entry)
-    return cause["name"] in near and names_of(cause) <= near and bool(names_of(cause) & same)
+    near = {*same_names(entry, _TOLERATED), *entry.get("accept", ())}
+    return names_of(cause) <= near and _fits(cause, entry)
 
 
 def _flagged(answer, entry):

@@ -4,45 +4,51 @@ import math
 import statistics
 from collections import defaultdict
 
-from .judge import FAULT_NAMES, GROUP, names_of
+from .judge import FAULT_NAMES, names_of, same_names
+
+
+def mean(values):
+    """(mean or None, number of values)."""
+    values = list(values)
+    return (statistics.fmean(values) if values else None), len(values)
 
 
 def share(flags):
     """(share of true flags or None, number of flags)."""
-    flags = [bool(flag) for flag in flags]
-    return (sum(flags) / len(flags) if flags else None), len(flags)
+    return mean(bool(flag) for flag in flags)
+
+
+def shares(rows, names, end=""):
+    """Share of the verdicts that say so: name of the figure to what they say."""
+    return {f"{name}{end}": share(getattr(row.verdict, said) for row in rows)
+            for name, said in names.items()}  # fmt: skip
 
 
 def _stated(rows):
     """(probability stated for the first name, whether it is in the true group) of each answer."""
-    for row in rows:
-        if row.verdict.probability is None:
-            continue
-        effect = row.truth["hidden"][0]
-        same = {name for name, value in effect["alike"].items() if value < 0.01}
-        yield row.verdict.probability, row.verdict.named[0] in same
+    return [
+        (row.verdict.probability, _first_right(row))
+        for row in rows
+        if row.verdict.probability is not None
+    ]
 
 
 def brier(rows):
     """Mean square of stated probability less what came true; a uniform guess over 40 has 0.975."""
-    pairs = list(_stated(rows))
+    pairs = _stated(rows)
     return (sum((p - right) ** 2 for p, right in pairs) / len(pairs) if pairs else None), len(pairs)
 
 
 def calibration_error(rows):
     """Expected calibration error: the first name is in the true group with the P that is told."""
-    bins = defaultdict(list)
-    for stated, right in _stated(rows):
+    bins, pairs = defaultdict(list), _stated(rows)
+    for stated, right in pairs:
         bins[min(9, int(10.0 * stated))].append((stated, right))
-    count = sum(map(len, bins.values()))
-    if not count:
-        return None, 0
     error = 0.0
     for some in bins.values():
-        stated = sum(p for p, _ in some) / len(some)
-        true = sum(right for _, right in some) / len(some)
-        error += len(some) / count * abs(stated - true)
-    return error, count
+        stated, true = (sum(values) / len(some) for values in zip(*some, strict=True))
+        error += len(some) / len(pairs) * abs(stated - true)
+    return (error if pairs else None), len(pairs)
 
 
 # Q(d sin gamma / 2) = 1 %: distance of two effects, sigmas, at which a wrong name has 1 %
@@ -67,94 +73,81 @@ def _part(rows, part):
     return [row for row in rows if row.truth["part"] == part]
 
 
-def _clean(rows, part="A"):
-    out = {}
-    chosen = [row for row in _part(rows, part) if not row.truth["hidden"]]
-    for name, noises in (("white", {"white"}), ("coloured", {"ar", "flicker"})):
-        some = [row for row in chosen if row.truth["noise"] in noises]
-        out[f"false_alarms_{name}"] = share(row.verdict.alarm for row in some)
-        out[f"false_names_{name}"] = share(bool(row.verdict.named) for row in some)
-        out[f"false_unexplained_{name}"] = share(row.verdict.unexplained > 0 for row in some)
-        out[f"false_flags_{name}"] = share(
-            bool((row.entry.get("answer") or {}).get("data_flags")) for row in some
-        )
-    return out
+def _of_noise(rows, kind):
+    names = {"false_alarms": "alarm", "false_names": "named", "false_unexplained": "unexplained"}
+    flags = share((row.entry.get("answer") or {}).get("data_flags") for row in rows)
+    return {**shares(rows, names, kind), f"false_flags{kind}": flags}
+
+
+def _clean(rows):
+    some = [row for row in rows if not row.truth["hidden"]]
+    white = [row for row in some if row.truth["noise"] == "white"]
+    coloured = [row for row in some if row.truth["noise"] in ("ar", "flicker")]
+    return {**_of_noise(white, "_white"), **_of_noise(coloured, "_coloured")}
 
 
 def _first_right(row):
     """The first cause's own name is the true one's, whatever stands beside it."""
-    alike = row.truth["hidden"][0]["alike"]
     named = row.verdict.named
-    return bool(named) and alike.get(named[0], 1.0) < GROUP
+    return bool(named) and named[0] in same_names(row.truth["hidden"][0])
 
 
 def _single(rows):
     """By size in sigmas, on records that move through speeds (one speed is told apart)."""
     out = {}
     able = [row for row in rows if row.truth["record"] != "constant"]
+    flat = [row for row in rows if row.truth["record"] == "constant"]
     for tier in ("d3", "d5", "d7", "d10", "d20"):
         some = [row for row in able if row.tier == tier]
         found = [row for row in some if row.verdict.alarm]
-        out[f"detection_{tier}"] = share(row.verdict.alarm for row in some)
-        out[f"name_{tier}"] = share(row.verdict.exact for row in some)
-        out[f"first_{tier}"] = share(_first_right(row) for row in some)
-        out[f"cover_{tier}"] = share(row.verdict.covered for row in found)
-        sizes = [row.verdict.set_size for row in found if row.verdict.covered]
-        out[f"set_size_{tier}"] = (statistics.fmean(sizes) if sizes else None, len(sizes))
-        out[f"wrong_certain_{tier}"] = share(row.verdict.wrong_certain for row in some)
+        names = {"detection": "alarm", "name": "exact", "wrong_certain": "wrong_certain"}
+        out |= shares(some, names, f"_{tier}") | shares(found, {"cover": "covered"}, f"_{tier}")
+        out[f"first_{tier}"] = share(map(_first_right, some))
+        sizes = (row.verdict.set_size for row in found if row.verdict.covered)
+        out[f"set_size_{tier}"] = mean(sizes)
     strong = [row for row in able if row.tier in ("d10", "d20")]
-    out["wrong_certain_d10_up"] = share(row.verdict.wrong_certain for row in strong)
-    flat = [row for row in rows if row.truth["record"] == "constant"]
-    out["one_speed_cover"] = share(row.verdict.covered for row in flat if row.verdict.alarm)
-    out["one_speed_wrong_certain"] = share(row.verdict.wrong_certain for row in flat)
-    return out
+    out |= shares(strong, {"wrong_certain_d10_up": "wrong_certain"})
+    found = [row for row in flat if row.verdict.alarm]
+    return (
+        out
+        | shares(flat, {"one_speed_wrong_certain": "wrong_certain"})
+        | shares(found, {"one_speed_cover": "covered"})
+    )
 
 
 def _parameters(rows):
-    values = [
-        (bound, own)
-        for row in rows
-        if row.tier in ("d10", "d20")
-        for _, _, bound, own in row.verdict.deviations
-    ]
-    stated = [abs(own) < 1.96 for _, own in values if own is not None]
-    rms = math.sqrt(statistics.fmean(b * b for b, _ in values)) if values else None
+    away = [some for row in rows if row.tier in ("d10", "d20") for some in row.verdict.deviations]
+    bounds = [bound for *_, bound, _ in away]
+    rms = math.sqrt(statistics.fmean(bound * bound for bound in bounds)) if bounds else None
     # a wrong minimum weighs more than all others in a mean square: the middle beside it
-    middle = statistics.median(abs(b) for b, _ in values) / 0.6745 if values else None
+    middle = statistics.median(map(abs, bounds)) / 0.6745 if bounds else None
     return {
-        "parameter_rms": (rms, len(values)),
-        "parameter_rms_robust": (middle, len(values)),
-        "parameter_coverage": share(stated),
+        "parameter_rms": (rms, len(bounds)),
+        "parameter_rms_robust": (middle, len(bounds)),
+        "parameter_coverage": coverage(away),
     }
+
+
+def coverage(away):
+    """Share of stated 95 % intervals that hold the truth."""
+    return share(abs(own) < 1.96 for *_, own in away if own is not None)
 
 
 def _gain(rows, physical):
     pairs = [row.verdict.gain for row in rows if row.verdict.gain]
     pairs = [(ours, best) for ours, best in pairs if best > (0.01 if physical else 0.0)]
-    if not pairs:
-        return None, 0
-    if physical:
-        return statistics.fmean(ours / best for ours, best in pairs), len(pairs)
+    if physical or not pairs:
+        return mean(ours / best for ours, best in pairs)
     return sum(ours for ours, _ in pairs) / sum(best for _, best in pairs), len(pairs)
-
-
-def _are_two(row):
-    """Two names of one group are one effect on that record: nothing can tell how much is whose."""
-    first, second = (
-        {name for name, value in effect["alike"].items() if value < GROUP}
-        for effect in row.truth["hidden"]
-    )
-    return first != second
 
 
 def _doubles(rows):
     out = {}
-    rows = [row for row in rows if _are_two(row)]
+    # two names of one group are one effect on that record: nothing can tell how much is whose
+    rows = [row for row in rows if len({*map(same_names, row.truth["hidden"])}) == 2]
+    names = {"both": "exact", "both_covered": "covered", "one_of_two": "found"}
     for tier in ("d10", "d15", "mid"):
-        some = [row for row in rows if row.tier == tier]
-        out[f"both_{tier}"] = share(row.verdict.exact for row in some)
-        out[f"both_covered_{tier}"] = share(row.verdict.covered for row in some)
-        out[f"one_of_two_{tier}"] = share(row.verdict.found > 0 for row in some)
+        out |= shares([row for row in rows if row.tier == tier], names, f"_{tier}")
     return out
 
 
@@ -189,24 +182,13 @@ def _duels(rows):
     poor = [row for row in rows if row.truth["note"].endswith("poor")]
     good = [row for row in rows if row.truth["note"].endswith("good")]
     return {
-        "duel_poor_set": share(_says_both(row) for row in poor),
-        "duel_poor_both": share(_both_named(row) for row in poor),
-        "duel_poor_covered": share(row.verdict.covered for row in poor),
-        "duel_poor_wrong_certain": share(row.verdict.wrong_certain for row in poor),
-        "duel_good_name": share(row.verdict.exact for row in good),
-        "duel_good_covered": share(row.verdict.covered for row in good),
+        "duel_poor_set": share(_both_named(row) and _separated(row) for row in poor),
+        "duel_poor_both": share(map(_both_named, poor)),
+        **shares(
+            poor, {"duel_poor_covered": "covered", "duel_poor_wrong_certain": "wrong_certain"}
+        ),
+        **shares(good, {"duel_good_name": "exact", "duel_good_covered": "covered"}),
     }
-
-
-def _says_both(row):
-    """Both names of the pair stand in one set, and the run that was proposed separates them.
-
-    The runner has simulated that run with the injector's own bench: the two effects, each of the
-    size that was hidden, must be so far apart on it that a wrong name has 1 % (4.65 sigmas).
-    """
-    if not _both_named(row):
-        return False
-    return (row.entry.get("proposal") or {}).get("sigmas", 0.0) >= SEPARATED
 
 
 def _both_named(row):
@@ -214,6 +196,15 @@ def _both_named(row):
     pair = set(row.truth["note"].split("|")[:2])
     causes = (row.entry.get("answer") or {}).get("causes", ())
     return any(pair <= names_of(cause) for cause in causes)
+
+
+def _separated(row):
+    """The run that was proposed separates the pair.
+
+    The runner has simulated that run with the injector's own bench: the two effects, each of the
+    size that was hidden, must be so far apart on it that a wrong name has 1 % (4.65 sigmas).
+    """
+    return (row.entry.get("proposal") or {}).get("sigmas", 0.0) >= SEPARATED
 
 
 def mark(row):
@@ -230,9 +221,8 @@ def _score(rows):
     some = [row for row in rows if row.truth["part"] in "BCDE"]
     if not some:
         return None, 0
-    clean = _part(rows, "A")
-    alarms = sum(row.verdict.alarm for row in clean) / len(clean) if clean else 0.0
-    return statistics.fmean(map(mark, some)) - 5.0 * max(0.0, alarms - 0.01), len(some)
+    alarms, _ = share(row.verdict.alarm for row in _part(rows, "A"))
+    return statistics.fmean(map(mark, some)) - 5.0 * max(0.0, (alarms or 0.0) - 0.01), len(some)
 
 
 def _machine(rows):
@@ -260,21 +250,21 @@ def _time(rows):
     }
 
 
+def _flagged(row):
+    answer = row.entry.get("answer") or {}
+    told = answer.get("data_flags") or row.verdict.named or "refused" in row.entry
+    return bool(told) or answer.get("verdict") == "data-bad"
+
+
 def _faults(rows):
     by = defaultdict(list)
     for row in rows:
         by[row.truth["fault"]].append(row)
     return {
         fault: {
-            "flagged": share(
-                bool((row.entry.get("answer") or {}).get("data_flags"))
-                or (row.entry.get("answer") or {}).get("verdict") == "data-bad"
-                or "refused" in row.entry
-                or bool(row.verdict.named)
-                for row in some
-            ),
-            "own_name": share(row.verdict.fault_told for row in some),
-            "wrong_names": (sum(row.verdict.phantoms for row in some) / len(some), len(some)),
+            "flagged": share(map(_flagged, some)),
+            **shares(some, {"own_name": "fault_told"}),
+            "wrong_names": mean(row.verdict.phantoms for row in some),
             "no_answer": share("crashed" in row.entry for row in some),
         }
         for fault, some in sorted(by.items())
@@ -284,30 +274,25 @@ def _faults(rows):
 def figures(rows):
     """Return all figures of judged `rows`: name to (value, number of records)."""
     single, physical = _part(rows, "B"), _part(rows, "P")
-    phantoms = [row.verdict.phantoms for row in physical]
     asked = [row for row in (*single, *physical) if row.verdict.named]
+    bad = [row for row in _part(rows, "F") if FAULT_NAMES.get(row.truth["fault"])]
     return {
-        **_clean(rows),
+        **_clean(_part(rows, "A")),
         **_single(single),
         **_parameters((*single, *physical)),
         "gain_d10_up": _gain([row for row in single if row.tier in ("d10", "d20")], False),
         "gain_physical": _gain(physical, True),
         **_doubles(_part(rows, "C")),
         **_outside(_part(rows, "D")),
-        "phantoms": (statistics.fmean(phantoms) if phantoms else None, len(phantoms)),
-        "physical_name": share(row.verdict.exact for row in physical),
-        "physical_cover": share(row.verdict.covered for row in physical),
+        "phantoms": mean(row.verdict.phantoms for row in physical),
+        **shares(physical, {"physical_name": "exact", "physical_cover": "covered"}),
         **_duels(_part(rows, "E")),
         "calibration_error": calibration_error(asked),
         "brier": brier(asked),
         "score": _score(rows),
         "crashes": share("crashed" in row.entry for row in rows),
         "refusals": share("refused" in row.entry for row in rows if row.truth["part"] != "F"),
-        "fault_told": share(
-            row.verdict.fault_told
-            for row in _part(rows, "F")
-            if FAULT_NAMES.get(row.truth["fault"])
-        ),
+        **shares(bad, {"fault_told": "fault_told"}),
         **_time(rows),
         "faults": _faults(_part(rows, "F")),
         "machine": _machine(rows),

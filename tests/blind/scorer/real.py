@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from .judge import names_of
+from .metrics import share
 
 # names that are the same finding at one whole order
 _AT_ORDER = {"ripple-harmonic", "tooth-mesh", "cogging"}
@@ -131,17 +132,14 @@ def real_figures(rows):
     orders = [hit for v in verdicts for hit, _ in v.orders.values()]
     close = [ok for v in verdicts for _, _, ok, _ in v.parameters.values()]
     tight = [ok for v in verdicts for _, _, _, ok in v.parameters.values()]
-    return {
-        "R_named": (_part(named), len(named)),
-        "R_orders": (_part(orders), len(orders)),
-        "R_parameters": (_part(close), len(close)),
-        "R_stds": (_part(tight), len(tight)),
-        "R_forbidden": (float(sum(len(v.forbidden) for v in verdicts)), len(verdicts)),
-        "R_false": (float(sum(len(v.false_causes) for v in verdicts)), len(verdicts)),
-        "R_refused": (float(sum(not v.answered for v in verdicts)), len(verdicts)),
-        "R_cpu_s": (float(sum(v.cpu_s for v in verdicts)), len(verdicts)),
+    sums = {
+        "R_forbidden": [len(v.forbidden) for v in verdicts],
+        "R_false": [len(v.false_causes) for v in verdicts],
+        "R_refused": [not v.answered for v in verdicts],
+        "R_cpu_s": [v.cpu_s for v in verdicts],
     }
-
-
-def _part(hits):
-    return sum(hits) / len(hits) if hits else None
+    hits = {"R_named": named, "R_orders": orders, "R_parameters": close, "R_stds": tight}
+    return {
+        **{name: share(some) for name, some in hits.items()},
+        **{name: (float(sum(some)), len(some)) for name, some in sums.items()},
+    }

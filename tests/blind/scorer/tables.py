@@ -4,7 +4,7 @@ import random
 from collections import Counter, defaultdict
 
 from .judge import judge
-from .metrics import Row, share
+from .metrics import Row, shares
 
 
 def _cause(cause):
@@ -63,21 +63,17 @@ def _grouped(rows, parts):
     return dict(sorted(out.items()))
 
 
-def _cells(some, tiers):
-    chosen = [row for row in some if row.tier in tiers]
-    return (
-        share(row.verdict.alarm for row in chosen),
-        share(row.verdict.exact for row in chosen),
-        share(row.verdict.covered for row in chosen),
-        share(row.verdict.wrong_certain for row in chosen),
-    )
+def _cells(rows, second, tiers=None):
+    rows = [row for row in rows if tiers is None or row.tier in tiers]
+    said = ("alarm", second, "covered", "wrong_certain")
+    return tuple(shares(rows, dict(zip(said, said, strict=True))).values())
 
 
 def by_family(rows, parts="BP"):
     """family: (weak, strong, physical), each (detected, exact, covered, wrong certain)."""
     sizes = (("d5", "d7"), ("d10", "d20"), ("low", "mid", "high"))
     return {
-        name: tuple(_cells(some, tiers) for tiers in sizes)
+        name: tuple(_cells(some, "exact", tiers) for tiers in sizes)
         for name, some in _grouped(rows, parts).items()
     }
 
@@ -91,13 +87,7 @@ def by_outside(rows):
             or "nothing"
             for row in some
         )
-        out[name] = (
-            share(row.verdict.alarm for row in some),
-            share(row.verdict.right_domain for row in some),
-            share(row.verdict.covered for row in some),
-            share(row.verdict.wrong_certain for row in some),
-            said.most_common(2),
-        )
+        out[name] = (*_cells(some, "right_domain"), said.most_common(2))
     return out
 
 

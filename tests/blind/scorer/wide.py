@@ -4,8 +4,8 @@ import statistics
 from collections import defaultdict
 from dataclasses import dataclass
 
-from .judge import GROUP, deviations, match, names_of
-from .metrics import share
+from .judge import deviations, match, names_of, same_names
+from .metrics import Row, coverage, mean, shares
 
 # share of an effect that an axis or names have to span to be the right answer
 SPANNED = 0.95
@@ -56,16 +56,12 @@ def _is_harmonic(cause, effect):
     return told is not None and abs(told["value"] - effect["shape"].get("order", 1e9)) > _ORDER
 
 
-def _same(effect):
-    return {name for name, value in effect["alike"].items() if value < GROUP}
-
-
 def _fits(cause, effect):
-    return bool(names_of(cause) & _same(effect)) and _in_place(cause, effect)
+    return bool(names_of(cause) & same_names(effect)) and _in_place(cause, effect)
 
 
 def _is_exact(cause, effect):
-    return _fits(cause, effect) and names_of(cause) <= _same(effect)
+    return _fits(cause, effect) and names_of(cause) <= same_names(effect)
 
 
 def _refused(entry):
@@ -171,28 +167,30 @@ def judge_wide(truth, entry):
     return _unseen(truth, entry) if truth["part"] == "U" else _several(truth, entry)
 
 
-def _mean(values):
-    some = list(values)
-    return (statistics.fmean(some) if some else None, len(some))
-
-
 def _coverage(rows):
-    return share(abs(own) < 1.96 for row in rows for _, _, _, own in row[2].deviations)
+    return coverage([away for row in rows for away in row.verdict.deviations])
 
 
 def _cpu(rows):
-    spent = [row[1].get("cpu_s", row[1]["seconds"]) for row in rows]
+    spent = [row.entry.get("cpu_s", row.entry["seconds"]) for row in rows]
     return (statistics.median(spent) if spent else None, len(spent))
+
+
+def _named(rows):
+    return mean(found for row in rows for found in row.verdict.found)
+
+
+def _false_causes(rows):
+    return mean(len(row.verdict.false_causes) for row in rows)
 
 
 def _figures_t(rows):
     return {
-        "T_named": share(found for row in rows for found in row[2].found),
-        "T_right": share(row[2].right for row in rows),
-        "T_exact": share(row[2].exact for row in rows),
-        "T_false_causes": _mean(len(row[2].false_causes) for row in rows),
-        "T_false_unexplained": _mean(row[2].false_unexplained for row in rows),
-        "T_unreported_rest": share(not row[2].rest_told for row in rows),
+        "T_named": _named(rows),
+        **shares(rows, {"T_right": "right", "T_exact": "exact"}),
+        "T_false_causes": _false_causes(rows),
+        "T_false_unexplained": mean(row.verdict.false_unexplained for row in rows),
+        "T_unreported_rest": mean(not row.verdict.rest_told for row in rows),
         "T_coverage": _coverage(rows),
         "T_cpu_s": _cpu(rows),
     }
@@ -202,51 +200,46 @@ def _pairs(rows):
     """(plain, rough) rows of each pair of which both records were answered for."""
     by = defaultdict(dict)
     for row in rows:
-        by[row[0]["pair"]][row[0]["note"]] = row
+        by[row.truth["pair"]][row.truth["note"]] = row
     return [(some["plain"], some["rough"]) for some in by.values() if len(some) == 2]
 
 
 def _figures_w(rows):
     pairs = _pairs(rows)
     compared = [
-        pair for pair in pairs if pair[0][0]["hidden"] and all(row[0]["compared"] for row in pair)
+        pair for pair in pairs if pair[0].truth["hidden"] and all(r.truth["compared"] for r in pair)
     ]
-    clean = [pair for pair in pairs if not pair[0][0]["hidden"]]
+    clean = [pair for pair in pairs if not pair[0].truth["hidden"]]
     out = {"W_pairs": (float(len(pairs)), len(pairs))}
     for k, name in enumerate(("plain", "rough")):
         some = [pair[k] for pair in compared]
-        out[f"W_detected_{name}"] = share(row[2].alarm for row in some)
-        out[f"W_named_{name}"] = share(found for row in some for found in row[2].found)
-        out[f"W_exact_{name}"] = share(row[2].exact for row in some)
-        out[f"W_false_causes_{name}"] = _mean(len(row[2].false_causes) for row in some)
-        out[f"W_false_alarms_{name}"] = share(pair[k][2].alarm for pair in clean)
-    out["W_refused"] = share(not pair[1][2].answered for pair in pairs)
+        out |= shares(some, {"W_detected": "alarm", "W_exact": "exact"}, f"_{name}")
+        out |= shares([pair[k] for pair in clean], {"W_false_alarms": "alarm"}, f"_{name}")
+        out |= {f"W_named_{name}": _named(some), f"W_false_causes_{name}": _false_causes(some)}
+    rough = [pair[1] for pair in pairs]
+    out["W_refused"] = mean(not row.verdict.answered for row in rough)
     out["W_coverage"] = _coverage([row for pair in compared for row in pair])
-    out["W_cpu_s"] = _cpu([pair[1] for pair in pairs])
-    return out
+    return {**out, "W_cpu_s": _cpu(rough)}
 
 
 def _figures_u(rows):
-    certain = [row[2].wrong_certain for row in rows]
     return {
-        "U_right": share(row[2].right for row in rows),
-        "U_by_axis": share(row[2].by == "axis" for row in rows),
-        "U_by_name": share(row[2].by == "name" for row in rows),
-        "U_detected": share(row[2].alarm for row in rows),
-        "U_wrong_certain": share(certain),
-        "U_names_beside": _mean(len(row[2].false_causes) for row in rows),
+        "U_by_axis": mean(row.verdict.by == "axis" for row in rows),
+        "U_by_name": mean(row.verdict.by == "name" for row in rows),
+        **shares(
+            rows, {"U_right": "right", "U_detected": "alarm", "U_wrong_certain": "wrong_certain"}
+        ),
+        "U_names_beside": _false_causes(rows),
         "U_cpu_s": _cpu(rows),
     }
 
 
 def wide_figures(rows):
     """Figures of T, W and U from (truth, entry, Wide) rows: name to (value, count)."""
-    parts = {"T": _figures_t, "W": _figures_w, "U": _figures_u}
     out = {}
-    for part, of in parts.items():
-        some = [row for row in rows if row[0]["part"] == part]
-        if some:
-            out.update(of(some))
+    for part, figures in (("T", _figures_t), ("W", _figures_w), ("U", _figures_u)):
+        some = [Row(row) for row in rows if row[0]["part"] == part]
+        out |= figures(some) if some else {}
     return out
 
 
