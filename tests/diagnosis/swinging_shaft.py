@@ -7,6 +7,8 @@ from hdbench.records import Trace
 
 NOISE_NM = 0.05
 COUNT = 2.0 * np.pi / 4000
+# of the load at the motor, N m s^2
+INERTIA = 1.725e-4
 RIPPLE = ((2.0, 0.4, 0.0), (4.0, 0.2, 0.0))
 # ripple and misalignment of the bench
 BENCH = ((2.0, 0.4, 0.6), (4.0, 0.2, -1.1), (0.01, 0.9, 0.3))
@@ -17,10 +19,16 @@ def swing(time, mean=90.0, size=40.0, period_s=9.0, ripple=RIPPLE):
     rate = 2.0 * np.pi / period_s
     speed = mean + size * np.sin(rate * time)
     angle = mean * time + size / rate * (1.0 - np.cos(rate * time))
-    torque = 1.725e-4 * size * rate * np.cos(rate * time)
+    torque = INERTIA * size * rate * np.cos(rate * time)
     for order, amplitude, phase in ripple:
         torque = torque + amplitude * np.cos(order * angle + phase)
     return speed, angle, torque
+
+
+def counted(angle, counts=4000):
+    """Return an angle as an encoder reads it."""
+    step = 2.0 * np.pi / counts
+    return np.floor(angle / step) * step
 
 
 def trace_of(time, speed, angle, torque, **more):
@@ -96,3 +104,14 @@ def reversing(
     load = 20.0 * np.sin(2.0 * np.pi * time / 9.7)
     torque = channel(torque + load + extra(angle, speed, load)) + noise_nm * rng.standard_normal(n)
     return trace_of(time, speed, angle, torque, load_torque_nm=load)
+
+
+def is_behind_the_filter(pictures):
+    """Whether the extended model stands behind the filter of the torque as what was measured does.
+
+    What is left between them is then the residual, but for what fades at both ends.
+    """
+    inside = slice(500, -500)
+    left = (pictures.measured_nm - pictures.extended_nm)[inside]
+    after = pictures.residual_after_nm[inside]
+    return np.sqrt(np.nanmean(left**2)) < 1.2 * np.sqrt(np.nanmean(after**2))

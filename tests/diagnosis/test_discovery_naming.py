@@ -5,11 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from discovery_records import NOISE_NM, PROFILE, fitted, swinging
+from discovery_records import NOISE_NM, fitted, prepared, swinging, term, with_terms
 from swinging_shaft import reversing
 
 from hdbench.diagnosis.discovery import form, naming, refine
-from hdbench.diagnosis.discovery.baseline import parse_baseline
 from hdbench.diagnosis.discovery.channel import start_fit
 from hdbench.diagnosis.discovery.dictionary import Dictionary, Look
 from hdbench.diagnosis.discovery.form import FIXED, attach_forms, form_rows
@@ -29,7 +28,6 @@ from hdbench.diagnosis.discovery.joint import (
 from hdbench.diagnosis.discovery.lines import TONE_LINE
 from hdbench.diagnosis.discovery.loudness import loudness
 from hdbench.diagnosis.discovery.naming import _is_plain, _named, _same_space
-from hdbench.diagnosis.discovery.record import prepare_record
 from hdbench.diagnosis.discovery.search import Search, _turn, relieve
 from hdbench.diagnosis.discovery.stack import stack_fits, stacked_causes
 from hdbench.diagnosis.discovery.tables import table_causes
@@ -41,7 +39,7 @@ from hdbench.diagnosis.discovery.told import (
     predicting_delay,
     walk_of,
 )
-from hdbench.model import BenchModel, catalogue
+from hdbench.model import catalogue
 from hdbench.results.diagnosis import Unexplained
 
 
@@ -103,18 +101,18 @@ def test_groups_rivals_and_probability_of_a_table(beside):
     assert named.probability == pytest.approx(odds[:2].sum() / odds.sum())
 
 
-def held_out(extra, term, seed=0, n=6000):
-    fit = fitted(swinging(n, extra, seed))
-    base = set(range(len(fit.parts)))
-    part = fit.add_term(term)
-    fit.settle(3)
+SIXTH = term("ripple-harmonic", order=6.0)
+
+
+def held_out(extra, seed=0, n=6000):
+    fit, part = with_terms(fitted(swinging(n, extra, seed)), SIXTH)
     held = hold_out(fit)
+    base = set(range(len(fit.parts))) - {part}
     return held.predict(base), held.predict(base | {part}), fit, held
 
 
 def test_held_out_errors_are_those_of_the_noise_with_and_without_a_cause():
-    term = Term(catalogue()["ripple-harmonic"], {"order": 6.0})
-    before, after, *_ = held_out(lambda t, a, w: 0.1 * np.cos(6.0 * a + 1.0), term)
+    before, after, *_ = held_out(lambda t, a, w: 0.1 * np.cos(6.0 * a + 1.0))
     # scatter of an rms of 6000 samples is 0.9 %
     assert before.rms_nm == pytest.approx(np.hypot(NOISE_NM, 0.1 / np.sqrt(2.0)), rel=0.03)
     assert after.rms_nm == pytest.approx(NOISE_NM, rel=0.03)
@@ -125,21 +123,19 @@ def test_held_out_errors_are_those_of_the_noise_with_and_without_a_cause():
 
 
 def test_a_cause_that_is_not_there_gains_nothing_where_it_was_not_fitted():
-    term = Term(catalogue()["ripple-harmonic"], {"order": 6.0})
     falls = []
     for seed in range(3):
-        before, after, *_ = held_out(lambda t, a, w: 0.0, term, seed, 3000)
+        before, after, *_ = held_out(lambda t, a, w: 0.0, seed, 3000)
         falls.append(before.chi2 - after.chi2)
     # two free numbers cost 2 (1 + 1/4) of chi^2 held out, give or take 2 sqrt(2 * 2) each
     assert np.mean(falls) < 2.0
 
 
 def test_held_out_blocks_are_predicted_as_by_plain_regression_on_the_others():
-    term = Term(catalogue()["ripple-harmonic"], {"order": 6.0})
-    _, after, fit, held = held_out(lambda t, a, w: 0.1 * np.cos(6.0 * a), term)
+    _, after, fit, held = held_out(lambda t, a, w: 0.1 * np.cos(6.0 * a))
     record = fit.record
     n = len(record)
-    columns = np.column_stack([record.columns, term.cause.columns(record.motion, term.shape)])
+    columns = np.column_stack([record.columns, term_columns(SIXTH, record)])
     squares, folds, used = 0.0, np.arange(n) * 20 // n % 5, held.pieces[0].used
     for fold in range(5):
         # the noise is white: plain least squares
@@ -149,6 +145,19 @@ def test_held_out_blocks_are_predicted_as_by_plain_regression_on_the_others():
     assert after.counts.sum() == used.sum()
     # the fitted spectrum is not quite white
     assert after.squares.sum() == pytest.approx(squares, rel=0.01)
+
+
+def costly(fit, *terms):
+    """Add terms that cost as much as names do; return the part of the last one."""
+    parts = [fit.add_term(one) for one in terms]
+    for part in parts:
+        fit.parts[part].cost_nats = 6.0
+    fit.settle(3)
+    return parts[-1]
+
+
+def table_of(fit):
+    return next(one for one in table_causes(fit.record) if one.name == "table:velocity")
 
 
 def searching(fit):
@@ -165,11 +174,8 @@ def test_a_cause_makes_those_needless_alone_that_say_no_more_than_it(viscous, le
         return 0.3 * fall * np.tanh(speed / shape["transition_rad_s"]) + viscous * speed
 
     fit = fitted(swinging(8000, friction, mean=0.0))
-    causes = catalogue()
-    for name, known in (("coulomb-friction", {"transition_rad_s": 2.0}), ("viscous-friction", {})):
-        fit.parts[fit.add_term(Term(causes[name], known))].cost_nats = 6.0
-    fit.settle(2)
-    new = joined(fit, (Term(causes["stribeck-friction"], shape),))
+    costly(fit, term("coulomb-friction", transition_rad_s=2.0), term("viscous-friction"))
+    new = joined(fit, (term("stribeck-friction", **shape),))
 
     def names(fit):
         return tuple(fit.parts[part].name for part in fit.causes())
@@ -184,10 +190,8 @@ def test_a_cause_makes_those_needless_alone_that_say_no_more_than_it(viscous, le
 
 def test_a_shape_is_moved_with_its_form_error_and_only_to_a_likelier_fit():
     fit = fitted(swinging(8000, lambda t, a, w: 0.5 * np.tanh(w / 3.0) + 2e-3 * w, mean=0.0))
-    causes = catalogue()
-    for name, shape in (("viscous-friction", {}), ("coulomb-friction", {"transition_rad_s": 9.0})):
-        part = fit.add_term(Term(causes[name], shape))
-    fit.settle(3)
+    fast = term("coulomb-friction", transition_rad_s=9.0)
+    _, part = with_terms(fit, term("viscous-friction"), fast)
     attach_forms(fit)
     before, state = value_of(fit), searching(fit)
     state.reshape_all()
@@ -207,8 +211,7 @@ def test_a_shape_is_moved_with_its_form_error_and_only_to_a_likelier_fit():
 def test_a_law_has_the_shape_about_which_its_form_error_is_likeliest():
     # no width of the catalogue's law turns over like this, and no slope leads to the best one
     fit = fitted(swinging(8000, lambda t, a, w: 2.0 * w / (np.abs(w) + 5.0), mean=0.0))
-    part = fit.add_term(Term(catalogue()["coulomb-friction"], {"transition_rad_s": 1.0}))
-    fit.settle(3)
+    _, part = with_terms(fit, term("coulomb-friction", transition_rad_s=1.0))
     attach_forms(fit)
     by_slopes = stepped(fit, [part])
     best = reshaped(by_slopes, [part])
@@ -224,18 +227,14 @@ def test_a_law_that_slow_noise_hides_joins_with_its_form_error():
     fit.shapes = fit.shapes.rising()
     fit.settle(6, anew=True)
     attach_forms(fit)
-    new = joined(fit, (Term(catalogue()["coulomb-friction"], {"transition_rad_s": 4.0}),))
+    new = joined(fit, (term("coulomb-friction", transition_rad_s=4.0),))
     # 228 where the form error came after the noise had taken a part of the friction in
     assert value_of(new) > value_of(fit) + 300.0
 
 
 def test_a_cause_stays_where_the_fit_without_it_is_less_likely(monkeypatch):
     fit = fitted(swinging(8000, lambda t, a, w: 2e-3 * w, mean=0.0))
-    causes = catalogue()
-    for name in ("viscous-friction", "warm-up"):
-        shape = {"time_constant_s": 3.0} if name == "warm-up" else {}
-        fit.parts[fit.add_term(Term(causes[name], shape))].cost_nats = 6.0
-    fit.settle(3)
+    costly(fit, term("viscous-friction"), term("warm-up", time_constant_s=3.0))
     # alone, without its form error, none of them seems worth anything
     monkeypatch.setattr(Search, "evidence_of", lambda self, part: -5.0)
     state = searching(fit)
@@ -250,8 +249,7 @@ def test_a_name_costs_more_in_the_end_than_a_line_that_paid_for_its_place(monkey
 
     fit = fitted(swinging(4000, both, mean=0.0))
     cause = catalogue()[name]
-    fit.add_term(Term(cause, dict.fromkeys((shape.name for shape in cause.shape), 3.0)))
-    fit.settle(3)
+    with_terms(fit, Term(cause, dict.fromkeys((shape.name for shape in cause.shape), 3.0)))
     monkeypatch.setattr(Search, "evidence_of", lambda self, part: 5.0)
     monkeypatch.setattr(Search, "lost_without", lambda self, part: 0.0)
     state = searching(fit)
@@ -273,12 +271,9 @@ def test_a_play_takes_all_that_is_its_own_beside_what_is_not_found_yet():
     def held(_angle, speed, load):
         return -np.clip(load, -0.2, 0.2) - 0.1 * np.tanh(load) + 0.1 * np.tanh(speed)
 
-    trace = reversing(held)
-    model = BenchModel.from_profile(PROFILE.data)
-    masked = np.zeros(len(trace.columns["time_s"]), dtype=bool)
-    fit = fitted(prepare_record(trace, PROFILE.data, model, masked, parse_baseline(())))
+    fit = fitted(prepared(reversing(held)))
     attach_forms(fit)
-    new, (play,) = best_joined(fit, (Term(catalogue()["backlash"], {"play_nm": 0.1}),))
+    new, (play,) = best_joined(fit, (term("backlash", play_nm=0.1),))
     # beside a further .1 N m of the load's sign its share alone would be half as large again
     assert new.linear(len(fit.parts))[0] == pytest.approx(1.0, abs=0.03)
     assert 0.2 < play.shape["play_nm"] < 0.35
@@ -287,8 +282,7 @@ def test_a_play_takes_all_that_is_its_own_beside_what_is_not_found_yet():
 
 def test_a_limit_far_above_the_torque_gains_nothing():
     fit = fitted(swinging(3000))
-    limit = {"limit_nm": 400.0, "sharpness": 4.0}
-    new = joined(fit, (Term(catalogue()["saturation"], limit),))
+    new = joined(fit, (term("saturation", limit_nm=400.0, sharpness=4.0),))
     # ripple of .4 N m: of it such a limit takes 1e-12; a fit is settled to .01 nats
     assert abs(value_of(new) - value_of(joined(fit, ()))) < 0.1
 
@@ -297,18 +291,14 @@ def test_a_limit_far_above_the_torque_gains_nothing():
 @pytest.mark.parametrize(("size_nm", "possible"), [(0.3, True), (0.0, False), (-0.3, False)])
 def test_a_friction_that_may_be_zero_or_gives_energy_is_not_possible(size_nm, possible):
     fit = fitted(swinging(4000, lambda t, a, w: size_nm * np.tanh(w / 2.0), mean=0.0))
-    friction = Term(catalogue()["coulomb-friction"], {"transition_rad_s": 2.0})
-    part = fit.add_term(friction)
-    fit.settle(3)
+    _, part = with_terms(fit, term("coulomb-friction", transition_rad_s=2.0))
     assert impossible_parts(fit) == (set() if possible else {part})
 
 
 def test_a_friction_keeps_its_size_beside_a_table_that_can_take_it_in():
     fit = fitted(swinging(4000, lambda t, a, w: 0.005 * w, mean=0.0))
-    part = fit.add_term(Term(catalogue()["viscous-friction"], {}))
-    table = next(one for one in table_causes(fit.record) if one.name == "table:velocity")
-    fit.add_term(Term(table, {}))
-    fit.settle(3)
+    part = fit.add_term(term("viscous-friction"))
+    with_terms(fit, Term(table_of(fit), {}))
     view, places = sized(fit)
     own = places.index(part)
     # 0.05 N m of noise in 4000 samples over a speed of 28 rad/s rms: 2.8e-5 N m s/rad
@@ -317,9 +307,7 @@ def test_a_friction_keeps_its_size_beside_a_table_that_can_take_it_in():
 
 
 def test_a_part_of_more_than_twice_the_torque_is_no_cause():
-    fit = fitted(swinging(4000))
-    part = fit.add_term(Term(catalogue()["viscous-friction"], {}))
-    fit.settle(2)
+    fit, part = with_terms(fitted(swinging(4000)), term("viscous-friction"), rounds=2)
     assert is_within(fit, part)
     own = fit.owner == part
     fit.coefficients[own] *= 3.0 * np.sqrt(np.mean(fit.measured**2)) / fit.size_nm(part)
@@ -346,9 +334,7 @@ def test_what_a_table_says_over_the_motion_is_no_random_walk(axes, told):
     fit.settle(4, anew=True)
     state, table = searching(fit), table_causes(fit.record)[0]
     table = replace(table, name=f"table:{axes}", columns=lambda motion, shape: walk[:, None])
-    state.whole = fit.copy()
-    state.whole.add_term(Term(table, {}))
-    state.whole.settle(4)
+    state.whole, _ = with_terms(fit.copy(), Term(table, {}), rounds=4)
     found = walk_of(state, float(np.var(walk)))
     assert (found is not None) is told
     if found:
@@ -360,9 +346,8 @@ def test_what_went_again_in_another_form_is_not_found_for_ever(monkeypatch):
     state = searching(fitted(swinging(3000)))
     attach_forms(state.fit, idle=True)
     state.fit.settle(5)
-    beside = state.fit.beside()
-    term = Term(catalogue()["presliding"], {"breakaway_rad": 0.1})
-    found = refine.candidate_of(beside, state.fit.record, term, 1.0, 1.0)
+    bristles = term("presliding", breakaway_rad=0.1)
+    found = refine.candidate_of(state.fit.beside(), state.fit.record, bristles, 1.0, 1.0)
     found = replace(found, gain_nats=20.0, evidence_nats=20.0)
     rounds = []
 
@@ -387,8 +372,7 @@ def test_what_went_again_in_another_form_is_not_found_for_ever(monkeypatch):
 def test_a_table_that_leaves_more_than_it_found_is_none(monkeypatch, share, kept):
     state = searching(fitted(swinging(3000, lambda _t, _a, w: 0.1 * np.abs(w) ** 0.5, mean=0.0)))
     attach_forms(state.fit, idle=True)
-    table = next(c for c in table_causes(state.fit.record) if c.name == "table:velocity")
-    look = Look(Term(table, {}), 100.0, 5, 1.0, 1e-9)
+    look = Look(Term(table_of(state.fit), {}), 100.0, 5, 1.0, 1e-9)
     looks = iter([[("table", look)], []])
     monkeypatch.setattr(Search, "_table_looks", lambda self: next(looks))
     monkeypatch.setattr(Search, "explained", lambda self, before: share)
@@ -400,7 +384,7 @@ def test_a_table_that_leaves_more_than_it_found_is_none(monkeypatch, share, kept
 def test_a_new_name_for_the_same_torque_starts_no_search(monkeypatch, better, searches):
     tables = [
         [
-            SimpleNamespace(name=name, evidence_nats=nats, term=Term(catalogue()[name], {}))
+            SimpleNamespace(name=name, evidence_nats=nats, term=term(name))
             for name, nats in (("presliding", 20.0), (better, 30.0))
         ]
     ]
@@ -425,10 +409,8 @@ def test_a_new_name_for_the_same_torque_starts_no_search(monkeypatch, better, se
 
 
 def test_a_limit_cannot_lie_far_below_the_torque_that_it_limits():
-    fit = fitted(swinging(3000))
-    shape = {"limit_nm": 0.1, "sharpness": 1.0}
-    part = fit.add_term(Term(catalogue()["saturation"], shape))
-    fit.settle(3)
+    limit = term("saturation", limit_nm=0.1, sharpness=1.0)
+    fit, part = with_terms(fitted(swinging(3000)), limit)
     renew(fit)
     # ripple of .4 and .2 N m; less than half of the largest torque would leave a square wave
     assert fit.term(part).shape["limit_nm"] == pytest.approx(0.3, abs=0.05)
@@ -436,14 +418,10 @@ def test_a_limit_cannot_lie_far_below_the_torque_that_it_limits():
 
 @pytest.mark.parametrize(("said_nats", "taken"), [(1e4, False), (-1e4, True)])
 def test_a_name_takes_a_place_only_where_the_whole_fit_says_so(said_nats, taken):
-    state = searching(fitted(swinging(3000, lambda _t, _a, w: 0.01 * (w - 50.0))))
-    part = state.fit.add_term(Term(catalogue()["viscous-friction"], {}))
-    state.fit.settle(3)
-    before = state.fit
-    cause = catalogue()["zero-drift"]
-    better = refine.candidate_of(
-        before.without_view(part).beside(), before.record, Term(cause, {}), 1, 1
-    )
+    fit = fitted(swinging(3000, lambda _t, _a, w: 0.01 * (w - 50.0)))
+    before, part = with_terms(fit, term("viscous-friction"))
+    state, left = searching(before), before.without_view(part).beside()
+    better = refine.candidate_of(left, before.record, term("zero-drift"), 1, 1)
     better = replace(better, gain_nats=5.0, evidence_nats=5.0)
     own = replace(better, evidence_nats=5.0 + said_nats)
     assert state.replace_term(part, own, better) is taken
@@ -453,13 +431,12 @@ def test_a_name_takes_a_place_only_where_the_whole_fit_says_so(said_nats, taken)
 @pytest.mark.parametrize(("true", "left"), [("coulomb-friction", 0), ("presliding", 1)])
 def test_the_latest_cause_has_the_likeliest_form_of_its_torque(true, left):
     forms = (
-        Term(catalogue()["coulomb-friction"], {"transition_rad_s": 2.0}),
-        Term(catalogue()["presliding"], {"breakaway_rad": 3.0}),
+        term("coulomb-friction", transition_rad_s=2.0),
+        term("presliding", breakaway_rad=3.0),
     )
     torque = term_columns(next(t for t in forms if t.name == true), swinging(4000, mean=0.0))[:, 0]
     fit = fitted(swinging(4000, lambda _t, _a, _w: 0.3 * torque, mean=0.0))
-    fit.add_term(forms[1])
-    fit.settle(3)
+    with_terms(fit, forms[1])
     attach_forms(fit)
     looks = [SimpleNamespace(term=term, trials=10.0) for term in forms]
     state = searching(fit)
@@ -485,10 +462,7 @@ def test_slow_noise_does_not_push_out_causes_that_say_more(monkeypatch):
 
     # steep noise passes for a low-pass
     fit = start_fit(swinging(6000, friction_and_walk, mean=0.0))
-    causes = catalogue()
-    part = fit.add_term(Term(causes["coulomb-friction"], {"transition_rad_s": 2.0}))
-    fit.parts[part].cost_nats = 6.0
-    fit.settle(3)
+    part = costly(fit, term("coulomb-friction", transition_rad_s=2.0))
     monkeypatch.setattr(Search, "_table_nats", lambda self: 0.0)
     state = searching(fit.copy())
     assert state.accept_slow(0.0)
@@ -536,8 +510,7 @@ def test_a_line_without_a_name_is_told_with_its_amplitude_and_its_width(records)
         # each record has a phase of its own
         fit = stack_fits(fits)
         (cause,) = stacked_causes([TONE_LINE], records, referenced=False).values()
-    part = fit.add_term(Term(cause, {"frequency_hz": 13.0}))
-    fit.settle(3)
+    _, part = with_terms(fit, Term(cause, {"frequency_hz": 13.0}))
     place = place_of(fit, part, 0.5, 1e-9)
     assert (place.domain, place.second_domain, place.unit) == ("frequency", None, "Hz")
     # an amplitude beside white noise scatters by this
@@ -548,14 +521,17 @@ def test_a_line_without_a_name_is_told_with_its_amplitude_and_its_width(records)
     assert high - low == pytest.approx(1.0 / fit.record.span_s)
 
 
-@pytest.mark.parametrize(("name", "builds_up"), [("coulomb", True), ("viscous", False)])
-def test_dry_friction_may_build_up_after_a_reversal_and_viscous_friction_may_not(name, builds_up):
+@pytest.mark.parametrize(
+    ("name", "shape", "builds_up"),
+    [("coulomb", {"transition_rad_s": 2.0}, True), ("viscous", {}, False)],
+)
+def test_dry_friction_may_build_up_after_a_reversal_and_viscous_friction_may_not(
+    name, shape, builds_up
+):
     fit = fitted(swinging(8000, lambda t, a, w: 0.3 * np.tanh(w / 2.0) + 0.01 * w, mean=0.0))
-    shape = {"transition_rad_s": 2.0} if name == "coulomb" else {}
-    term = Term(catalogue()[f"{name}-friction"], shape)
-    part = fit.add_term(term)
-    fit.settle(3)
-    torque = term_columns(term, fit.record) @ fit.linear(part)
+    friction = term(f"{name}-friction", **shape)
+    _, part = with_terms(fit, friction)
+    torque = term_columns(friction, fit.record) @ fit.linear(part)
     # over a tenth of a radian
     followed, way = torque.copy(), np.abs(np.diff(fit.record.motion.angle_rad))
     for k, step in enumerate(way, start=1):
@@ -569,8 +545,7 @@ def test_dry_friction_may_build_up_after_a_reversal_and_viscous_friction_may_not
 
 def test_shapes_that_are_looked_at_twice_make_no_larger_form_error(monkeypatch):
     fit = fitted(swinging(8000, lambda t, a, w: 0.3 * np.tanh(w / 2.0), mean=0.0))
-    part = fit.add_term(Term(catalogue()["coulomb-friction"], {"transition_rad_s": 2.0}))
-    fit.settle(3)
+    _, part = with_terms(fit, term("coulomb-friction", transition_rad_s=2.0))
     once = np.sum(form_rows(fit, part)[0] ** 2)
     monkeypatch.setattr(form, "_RATIOS", 2 * form._RATIOS)
     # but for the smallest directions, which are left out
@@ -581,7 +556,7 @@ def test_shapes_that_are_looked_at_twice_make_no_larger_form_error(monkeypatch):
 def test_a_shape_far_from_the_likeliest_one_is_found_over_the_whole_domain_alone(wide):
     fit = fitted(swinging(6000, lambda t, a, w: 0.3 * np.tanh(w / 15.0), mean=0.0))
     attach_forms(fit, idle=True)
-    far = Term(catalogue()["coulomb-friction"], {"transition_rad_s": 0.3})
+    far = term("coulomb-friction", transition_rad_s=0.3)
     _, (near,) = best_joined(fit, (far,), wide=wide)
     assert (near.shape["transition_rad_s"] == pytest.approx(15.0, rel=0.1)) is wide
 
@@ -600,10 +575,9 @@ def test_a_form_of_which_the_common_one_says_nearly_all_is_not_told_from_it(
     beside, breakaway_rad, nats, plain
 ):
     (row,) = own_rows(beside, 1)
-    causes = catalogue()
     own, other = candidate("presliding", row, 100.0), candidate("coulomb-friction", row, nats)
-    own.term = Term(causes["presliding"], {"breakaway_rad": breakaway_rad})
-    other.term = Term(causes["coulomb-friction"], {"transition_rad_s": 2.0})
+    own.term = term("presliding", breakaway_rad=breakaway_rad)
+    other.term = term("coulomb-friction", transition_rad_s=2.0)
     assert _is_plain(other, own) is plain
 
 
@@ -614,10 +588,9 @@ def test_an_effect_that_acts_nowhere_is_not_loud(beside):
 
 def test_a_shape_that_a_record_cannot_show_is_tried_nowhere(beside, monkeypatch):
     # a limit of the channel far above all that a model file may hold
-    record, cause = fitted(swinging(3000)).record, catalogue()["saturation"]
+    record, limit = swinging(3000), term("saturation", limit_nm=20.0, sharpness=2.0)
     for module in (form, refine):
-        monkeypatch.setattr(module, "shape_bounds", lambda *_: {p.name: () for p in cause.shape})
-    assert form._typical_shapes(cause, record) == []
-    shape = {"limit_nm": 20.0, "sharpness": 2.0}
-    start = refine.candidate_of(beside, record, Term(cause, shape), 1.0, 1.0)
+        monkeypatch.setattr(module, "shape_bounds", lambda *_: dict.fromkeys(limit.shape, ()))
+    assert form._typical_shapes(limit.cause, record) == []
+    start = refine.candidate_of(beside, record, limit, 1.0, 1.0)
     assert refine.of_right_size(beside, record, start) is start

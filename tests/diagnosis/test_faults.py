@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from real_records import real_cases, real_profile, real_trace
-from swinging_shaft import COUNT, slipped, swing
+from swinging_shaft import COUNT, counted, slipped, swing, trace_of
 from swinging_shaft import read_by_encoder as bench
 
 from hdbench.diagnosis.faults.channels import inspect_channels
@@ -21,10 +21,20 @@ from hdbench.records import Trace
 PROFILE = load_profile("cim-tr-97-06")
 MODEL = BenchModel.from_profile(PROFILE.data)
 DATA = os.environ.get("HDBENCH_DATA")
+CHANNELS = ("torque_nm", "motor_velocity_rad_s", "encoder_count")
 
 
 def inspected(columns, profile=PROFILE, model=MODEL):
     return inspect_channels(Trace(columns), profile.data, model, alpha=0.01)
+
+
+def inspected_log(time, speed, angle, torque):
+    return inspected(trace_of(time, speed, angle, torque).columns)
+
+
+def white(seed, n):
+    """Return noise of a velocity and of a torque."""
+    return np.random.default_rng(seed).standard_normal((2, n))
 
 
 def value(fault, name):
@@ -73,15 +83,10 @@ def test_a_jump_beside_a_standstill_may_be_a_loss_or_a_slip(first):
     # the speed comes down to zero at 6.75 s: 20 samples turn by as little as a slip, or 15, or 800
     time = np.arange(10_020) * 1e-3
     speed, angle, torque = swing(time, 40.0, 40.0)
-    noise = np.random.default_rng(5).standard_normal((2, len(time)))
+    noise = white(5, len(time))
     kept = np.r_[0:first, first + 20 : 10_020]
-    columns = {
-        "time_s": time[:10_000],
-        "motor_angle_rad": angle[kept],
-        "motor_velocity_rad_s": (speed + 0.02 * noise[0])[kept],
-        "torque_nm": (torque + 0.05 * noise[1])[kept],
-    }
-    (fault,) = inspected(columns).faults
+    read, torque = speed + 0.02 * noise[0], torque + 0.05 * noise[1]
+    (fault,) = inspected_log(time[:10_000], read[kept], angle[kept], torque[kept]).faults
     assert "missed-samples" in {fault.name, *fault.group}
     # the nearer it stands still, the less the torque tells
     assert ("encoder-slip" in fault.group) == (first == 6600)
@@ -96,14 +101,9 @@ def test_a_loss_is_found_where_the_velocity_is_made_of_the_angle():
     time = np.arange(10_012) * 1e-3
     _, angle, torque = swing(time)
     kept = np.r_[0:4000, 4012:10_012]
-    counted = np.floor(angle[kept] / COUNT) * COUNT
-    columns = {
-        "time_s": time[:10_000],
-        "motor_angle_rad": counted,
-        "motor_velocity_rad_s": np.gradient(counted, time[:10_000]),
-        "torque_nm": torque[kept] + 0.05 * np.random.default_rng(8).standard_normal(10_000),
-    }
-    found = inspected(columns)
+    read, stamps = counted(angle[kept]), time[:10_000]
+    torque = torque[kept] + 0.05 * np.random.default_rng(8).standard_normal(10_000)
+    found = inspected_log(stamps, np.gradient(read, stamps), read, torque)
     (fault,) = found.faults
     assert fault.name == "missed-samples"
     assert value(fault, "samples") == 12
@@ -116,16 +116,11 @@ def test_a_loss_while_the_speed_changes_is_told_with_how_many_may_be_lost(ends):
     time = np.arange(10_029) * 1e-3
     speed = np.interp(time, [4.0, 4.0 + ends], [90.0, 33.0]) + 5.0 * np.sin(2.0 * time)
     angle = np.concatenate([[0.0], np.cumsum(0.5e-3 * (speed[1:] + speed[:-1]))])
-    noise = np.random.default_rng(8).standard_normal((2, len(time)))
+    noise = white(8, len(time))
     torque = 0.2 * np.cos(2.0 * angle) + 0.1 * np.cos(4.0 * angle) + 0.05 * noise[0]
     kept = np.r_[0:4001, 4030:10_029]
-    columns = {
-        "time_s": time[:10_000],
-        "motor_angle_rad": angle[kept],
-        "motor_velocity_rad_s": (speed + 0.05 * noise[1])[kept],
-        "torque_nm": torque[kept],
-    }
-    (fault,) = inspected(columns).faults
+    speed += 0.05 * noise[1]
+    (fault,) = inspected_log(time[:10_000], speed[kept], angle[kept], torque[kept]).faults
     assert fault.name == "missed-samples"
     number = fault.parameters["samples"]
     # neither side shows when the speed changed
@@ -140,15 +135,10 @@ def test_an_error_of_the_output_encoder_is_no_slip_where_samples_are_held(seed):
     _, angle, torque = swing(time, 60.0, 40.0)
     fresh = rng.random(len(time)) > 0.03
     rows = np.maximum.accumulate(np.where(fresh, np.arange(len(time)), 0))
-    read = (angle + 0.3 * np.cos(angle / 100.0 + rng.uniform(-np.pi, np.pi)))[rows]
-    noise = 0.05 * rng.standard_normal(len(time))
-    columns = {
-        "time_s": time,
-        "motor_angle_rad": np.round(read, 4),
-        "motor_velocity_rad_s": np.gradient(np.round(read, 4), time),
-        "torque_nm": (torque + noise)[rows],
-    }
-    assert "encoder-slip" not in {fault.name for fault in inspected(columns).faults}
+    wrong = angle + 0.3 * np.cos(angle / 100.0 + rng.uniform(-np.pi, np.pi))
+    read, noise = np.round(wrong[rows], 4), 0.05 * rng.standard_normal(len(time))
+    found = inspected_log(time, np.gradient(read, time), read, (torque + noise)[rows])
+    assert "encoder-slip" not in {fault.name for fault in found.faults}
 
 
 def test_the_counts_of_an_encoder_are_seen_where_rows_are_held(monkeypatch):
@@ -158,17 +148,13 @@ def test_the_counts_of_an_encoder_are_seen_where_rows_are_held(monkeypatch):
         "hdbench.diagnosis.faults.channels.find_jumps",
         lambda shaft, *_, **__: seen.append(shaft.count_rad) or (),
     )
-    rng, time = np.random.default_rng(0), np.arange(8000) * 1e-3
+    time = np.arange(8000) * 1e-3
     speed, angle, torque = swing(time, 60.0, 40.0)
     rows = np.arange(len(time))
     rows[50::40] -= 1
-    columns = {
-        "time_s": time,
-        "motor_angle_rad": (np.floor(angle / COUNT) * COUNT)[rows],
-        "motor_velocity_rad_s": (speed + 0.05 * rng.standard_normal(len(time)))[rows],
-        "torque_nm": (torque + 0.05 * rng.standard_normal(len(time)))[rows],
-    }
-    assert inspected(columns).flags[0].name == "missed-samples"
+    speed, torque = (speed, torque) + 0.05 * white(0, len(time))
+    found = inspected_log(time, speed[rows], counted(angle)[rows], torque[rows])
+    assert found.flags[0].name == "missed-samples"
     assert seen == [pytest.approx(COUNT)]
 
 
@@ -185,19 +171,18 @@ def test_ripple_of_the_tacho_is_measured_and_taken_out():
 def test_what_a_tacho_shows_or_gets_wrong_throughout_is_no_fault(fault):
     columns = bench(seed=5)
     speed = columns["motor_velocity_rad_s"]
+    _, angle, _ = swing(columns["time_s"])
+    uneven = angle + 0.01 / 4.0 * np.sin(4.0 * angle)
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(angle))
+    shown = {
+        "gain": 1.02 * speed,
+        "offset": speed + 1.5,
+        "lag": np.r_[speed[:5], speed[:-5]],
+        "ripple of the shaft": np.gradient(uneven, 1e-3) + noise,
+    }
     if fault == "ripple of the shaft":
-        time = np.arange(10_000) * 1e-3
-        _, angle, _ = swing(time)
-        uneven = angle + 0.01 / 4.0 * np.sin(4.0 * angle)
-        noise = 0.05 * np.random.default_rng(1).standard_normal(len(time))
-        changed = {
-            "encoder_count": np.floor(uneven / COUNT),
-            "motor_velocity_rad_s": np.gradient(uneven, 1e-3) + noise,
-        }
-    else:
-        wrong = {"gain": 1.02 * speed, "offset": speed + 1.5, "lag": np.r_[speed[:5], speed[:-5]]}
-        changed = {"motor_velocity_rad_s": wrong[fault]}
-    assert inspected({**columns, **changed}).faults == ()
+        columns["encoder_count"] = np.floor(uneven / COUNT)
+    assert inspected({**columns, "motor_velocity_rad_s": shown[fault]}).faults == ()
 
 
 # --- one sensor
@@ -253,22 +238,17 @@ def test_a_velocity_formed_over_a_late_stamp_is_no_slip(late):
         for k in (at, at + 1):
             velocity[k] = (angle[k] - angle[k - 1]) / (stamps[k] - stamps[k - 1])
     noise = 0.05 * np.random.default_rng(0).standard_normal(time.size)
-    columns = {"time_s": time, "motor_angle_rad": angle, "motor_velocity_rad_s": velocity}
-    assert inspected({**columns, "torque_nm": 0.4 * np.cos(2.0 * angle) + noise}).faults == ()
+    torque = 0.4 * np.cos(2.0 * angle) + noise
+    assert inspected_log(time, velocity, angle, torque).faults == ()
 
 
 def test_a_sample_too_many_between_even_stamps_is_no_slip():
     # one more row was written than there was time for: two intervals turn by half
     time = np.sort(np.append(np.arange(3000), 1200.5)) / 30.0
-    _, angle, torque = swing(time, ripple=())
-    noise = np.random.default_rng(0).standard_normal((2, 3001))
-    columns = {
-        "time_s": np.arange(3001) / 30.0,
-        "motor_angle_rad": angle,
-        "motor_velocity_rad_s": swing(time)[0] + 0.3 * noise[0],
-        "torque_nm": torque + noise[1],
-    }
-    assert inspected(columns).faults == ()
+    speed, angle, torque = swing(time, ripple=())
+    noise = white(0, 3001)
+    speed += 0.3 * noise[0]
+    assert inspected_log(np.arange(3001) / 30.0, speed, angle, torque + noise[1]).faults == ()
 
 
 # --- stamps
@@ -291,14 +271,10 @@ def test_stamps_that_follow_no_clock_have_no_gaps():
     # a host that polls when it can, and waits ten times as long now and then
     steps = rng.gamma(4.0, 0.25e-3, 10_000) + 9e-3 * (rng.random(10_000) < 1e-3)
     time = np.cumsum(steps)
-    speed, angle, torque = swing(time)
-    columns = {"time_s": time, "motor_angle_rad": angle, "motor_velocity_rad_s": speed}
-    assert inspected({**columns, "torque_nm": torque}).faults == ()
+    assert inspected_log(time, *swing(time)).faults == ()
 
 
-@pytest.mark.parametrize(
-    "names", [("torque_nm", "motor_velocity_rad_s", "encoder_count"), ("torque_nm",)]
-)
+@pytest.mark.parametrize("names", [CHANNELS, CHANNELS[:1]])
 def test_torque_that_repeats_the_reading_before_is_told_and_takes_no_part(names):
     columns = bench(6000)
     held = np.flatnonzero(np.random.default_rng(3).random(6000) < 0.02)[1:]
@@ -346,15 +322,8 @@ def test_a_standstill_at_which_friction_holds_a_changing_torque_takes_no_part(he
     angle = np.cumsum(speed) * 5e-3
     still = time <= 10.0
     torque = np.where(still, held_nm * time / 10.0, 0.6 * np.sign(speed)) + 0.1
-    noise = 0.01 * np.random.default_rng(2).standard_normal((2, len(time)))
-    found = inspected(
-        {
-            "time_s": time,
-            "motor_angle_rad": angle,
-            "motor_velocity_rad_s": speed + noise[0],
-            "torque_nm": torque + noise[1],
-        }
-    )
+    noise = 0.01 * white(2, len(time))
+    found = inspected_log(time, speed + noise[0], angle, torque + noise[1])
     assert [reason for reason, _ in found.left_out] == ["standstill"] * (held_nm > 0.0)
     # but for the last samples, whose window begins to move
     assert int(found.masked.sum()) == pytest.approx(still.sum() * (held_nm > 0.0), abs=20)
@@ -363,14 +332,9 @@ def test_a_standstill_at_which_friction_holds_a_changing_torque_takes_no_part(he
 def test_a_velocity_whose_range_was_wrong_is_scaled_to_the_angle_and_told():
     time = np.arange(6000) * 5e-3
     speed, angle, _ = swing(time, mean=0.0, ripple=())
-    noise = np.random.default_rng(4).standard_normal((2, len(time)))
-    columns = {
-        "time_s": time,
-        "motor_angle_rad": angle,
-        "motor_velocity_rad_s": speed / 1.658 + 0.1 * noise[0],
-        "torque_nm": 0.5 * np.sign(speed) + 0.05 * noise[1],
-    }
-    found = inspected(columns)
+    noise = white(4, len(time))
+    torque = 0.5 * np.sign(speed) + 0.05 * noise[1]
+    found = inspected_log(time, speed / 1.658 + 0.1 * noise[0], angle, torque)
     (flag,) = found.flags
     assert (found.reason, flag.name) == ("", "velocity-scale")
     assert "1.658 times" in flag.detail
@@ -434,20 +398,14 @@ def test_a_noisy_velocity_is_of_the_same_shaft():
     [
         (lambda c: {"torque_nm": 1000.0 * c["torque_nm"]}, "times the 180 N m"),
         (
-            lambda c: {
-                "torque_nm": c["motor_velocity_rad_s"],
-                "motor_velocity_rad_s": c["torque_nm"],
-            },
+            lambda c: dict(zip(CHANNELS[:2], (c[CHANNELS[1]], c[CHANNELS[0]]), strict=True)),
             "each other's place",
         ),
         (
             lambda c: {"encoder_count": np.cumsum(np.random.default_rng(0).normal(0, 40, 10_000))},
             "not of the same shaft",
         ),
-        (
-            lambda c: {"motor_velocity_rad_s": np.zeros(10_000), "encoder_count": np.zeros(10_000)},
-            "no motion",
-        ),
+        (lambda c: dict.fromkeys(CHANNELS[1:], np.zeros(10_000)), "no motion"),
     ],
 )
 def test_a_record_that_says_nothing_is_refused_with_the_margin(change, says):
@@ -577,5 +535,5 @@ def test_the_sweep_of_lara8_has_no_fault(side):
         "motor_velocity_rad_s": 101.0 * table["joint_velocity_3"],
         "motor_angle_rad": ratio * 2.0 * np.pi / 2**24 * table[f"encoder_{side}_3"],
     }
-    found = inspected({name: np.asarray(v, dtype=float) for name, v in columns.items()})
+    found = inspected(columns)
     assert (found.reason, found.faults, found.left_out) == ("", (), ())

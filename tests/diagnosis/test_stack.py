@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from discovery_records import fitted, swinging
+from discovery_records import fitted, swinging, term, with_terms
 
 from hdbench.diagnosis.discovery.lines import plan_scans, scan_looks, scan_power
 from hdbench.diagnosis.discovery.moments import inverse
@@ -53,13 +53,10 @@ def test_inverse_is_the_transpose_of_the_transform_of_a_stack(stack):
 
 def test_a_shared_cause_is_weighed_by_the_information_of_each_record(fits, stack):
     shared = causes(stack)["ripple-harmonic"].whole
-    stack.add_term(Term(shared, {"order": ORDER}))
-    stack.settle(4)
+    with_terms(stack, Term(shared, {"order": ORDER}), rounds=4)
     values, weights = [], []
     for one in fits:
-        own = one.copy()
-        part = own.add_term(Term(catalogue()["ripple-harmonic"], {"order": ORDER}))
-        own.settle(4)
+        own, part = with_terms(one.copy(), term("ripple-harmonic", order=ORDER), rounds=4)
         values.append(own.linear(part))
         weights.append(len(own.record) / np.mean(own.spectrum.power))
     mean = np.average(values, axis=0, weights=weights)
@@ -69,13 +66,10 @@ def test_a_shared_cause_is_weighed_by_the_information_of_each_record(fits, stack
 
 def test_a_cause_of_each_record_is_fitted_to_it_alone(fits, stack):
     each = causes(stack, referenced=False)["ripple-harmonic"]
-    part = stack.add_term(Term(each, {"order": ORDER}))
-    stack.settle(4)
+    _, part = with_terms(stack, Term(each, {"order": ORDER}), rounds=4)
     apart = stack.linear(part).reshape(2, 2)
     for one, found in zip(fits, apart, strict=True):
-        own = one.copy()
-        place = own.add_term(Term(catalogue()["ripple-harmonic"], {"order": ORDER}))
-        own.settle(4)
+        own, place = with_terms(one.copy(), term("ripple-harmonic", order=ORDER), rounds=4)
         np.testing.assert_allclose(found, own.linear(place), atol=2e-4)
 
 
@@ -87,9 +81,8 @@ def test_columns_of_a_piece_are_those_of_the_record(passed):
     ]
     stack = stack_fits([fitted(record) for record in records])
     every = causes(stack)
-    for name, shape in (("viscous-friction", {}), ("structural-tone", {"frequency_hz": 20.0})):
-        stack.add_term(Term(every[name], shape))
-    stack.settle(1)
+    tone = Term(every["structural-tone"], {"frequency_hz": 20.0})
+    with_terms(stack, Term(every["viscous-friction"], {}), tone, rounds=1)
     for number, at in enumerate(coefficients_of(stack)):
         piece, origin = piece_fit(stack, number)
         np.testing.assert_allclose(piece.residual, stack.residual[at])
@@ -110,8 +103,7 @@ def test_columns_of_a_piece_are_those_of_the_record(passed):
 def test_a_step_is_in_one_record_alone(stack):
     step = causes(stack)["zero-step"]
     time = float(stack.record.motion.time_s[3500])
-    part = stack.add_term(Term(step, {"step_time_s": time}))
-    stack.settle(1)
+    _, part = with_terms(stack, Term(step, {"step_time_s": time}), rounds=1)
     assert part not in piece_fit(stack, 0)[1]
     piece, origin = piece_fit(stack, 1)
     own = piece.term(origin.index(part)).shape["step_time_s"]
