@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from discovery_records import PROFILE, prepared
 from scipy.signal import butter, sosfiltfilt
-from swinging_shaft import reversing, trace_of
+from swinging_shaft import COUNT, INERTIA, counted, reversing, swing, trace_of
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.diagnosis.discovery.acceleration import in_step, seen_acceleration, times_by_shaft
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import fixed_of
-from hdbench.diagnosis.discovery.record import as_followed, on_clock, prepare_record
+from hdbench.diagnosis.discovery.record import as_followed, on_clock
 from hdbench.diagnosis.dynamic import make_ready, make_task
-from hdbench.model import BenchModel, motion_from_trace
-from hdbench.profile import load_profile
+from hdbench.model import motion_from_trace
 from hdbench.records import Trace
 
-PROFILE = load_profile("cim-tr-97-06")
+TASK = make_task(PROFILE)
 COULOMB_NM, VISCOUS = 0.8, 0.006
 
 
@@ -32,14 +32,14 @@ def reversing_log(cutoff_hz, n=12_000, seed=3):
     speed = np.interp(time, knots, speeds)
     acceleration = (np.diff(speeds) / 0.4)[np.minimum((time / 0.4).astype(int), len(knots) - 2)]
     angle = np.concatenate([[0.0], np.cumsum(0.5e-3 * (speed[1:] + speed[:-1]))])
-    torque = 1.725e-4 * acceleration + COULOMB_NM * np.tanh(speed / 0.3) + VISCOUS * speed
+    torque = INERTIA * acceleration + COULOMB_NM * np.tanh(speed / 0.3) + VISCOUS * speed
     torque += 0.02 * rng.standard_normal(n)
     torque += 0.1 * np.cos(2.0 * angle) + 0.05 * np.cos(4.0 * angle)
-    counted = angle + 1e-4 * rng.standard_normal(n)
-    read = np.gradient(counted, time)
+    turned = angle + 1e-4 * rng.standard_normal(n)
+    read = np.gradient(turned, time)
     if cutoff_hz is not None:
         read = sosfiltfilt(butter(4, cutoff_hz, fs=1000.0, output="sos"), read)
-    return trace_of(time, read, counted, torque)
+    return trace_of(time, read, turned, torque)
 
 
 @pytest.mark.parametrize("cutoff_hz", [pytest.param(25.0, marks=pytest.mark.campaign), 60.0])
@@ -51,13 +51,11 @@ def test_a_smoothed_velocity_brings_no_name_but_friction(cutoff_hz):
 
 def test_where_a_smoothed_velocity_parts_from_the_angle_nothing_slips():
     # seven ramps end faster than a zero-phase filter at 25 Hz follows
-    ready = make_ready(make_task(PROFILE), reversing_log(25.0))
-    assert ready.inspected.faults == ()
+    assert make_ready(TASK, reversing_log(25.0)).inspected.faults == ()
 
 
 def test_a_velocity_with_noise_to_the_end_limits_nothing():
-    task = make_task(PROFILE)
-    assert make_ready(task, reversing_log(None, n=6000)).record.motion_passed == 1.0
+    assert make_ready(TASK, reversing_log(None, n=6000)).record.motion_passed == 1.0
 
 
 def test_smoothing_keeps_what_is_slow_and_takes_what_is_fast():
@@ -69,29 +67,24 @@ def test_smoothing_keeps_what_is_slow_and_takes_what_is_fast():
 
 def rippling_speed(size_rad, n=12_000):
     """Return a trace of a speed that ripples at order 4, and its acceleration, in closed form."""
-    rng, time, rate = np.random.default_rng(4), np.arange(n) * 1e-3, 2.0 * np.pi / 9.0
-    speed = 90.0 + 40.0 * np.sin(rate * time)
-    turned = 90.0 * time + 40.0 / rate * (1.0 - np.cos(rate * time))
+    rng, time = np.random.default_rng(4), np.arange(n) * 1e-3
+    speed, turned, inertial = swing(time, ripple=())
     phase = 4.0 * turned + 0.7
     angle = turned + size_rad * np.sin(phase)
     more = 1.0 + 4.0 * size_rad * np.cos(phase)
-    acceleration = 40.0 * rate * np.cos(rate * time) * more
+    acceleration = inertial / INERTIA * more
     acceleration -= 16.0 * size_rad * speed**2 * np.sin(phase)
     torque = 0.4 * np.cos(2.0 * angle) + 0.2 * np.cos(4.0 * angle - 1.5)
-    torque += 1.725e-4 * acceleration + 0.01 * rng.standard_normal(n)
+    torque += INERTIA * acceleration + 0.01 * rng.standard_normal(n)
     tacho = np.round(speed * more + 0.05 * rng.standard_normal(n), 2)
-    step = 2.0 * np.pi / 2**16
-    return trace_of(time, tacho, np.floor(angle / step) * step, torque), acceleration
+    return trace_of(time, tacho, counted(angle, 2**16), torque), acceleration
 
 
 @pytest.mark.parametrize("size_rad", [1.5e-3, 3e-3])
 def test_the_torque_of_a_speed_that_ripples_is_expected(size_rad):
     trace, acceleration = rippling_speed(size_rad)
-    no_mask = np.zeros(len(acceleration), dtype=bool)
-    model = BenchModel.from_profile(PROFILE.data)
-    record = prepare_record(trace, PROFILE.data, model, no_mask)
     inside = slice(100, -100)
-    off = (record.motion.acceleration_rad_s2 - acceleration)[inside]
+    off = (prepared(trace).motion.acceleration_rad_s2 - acceleration)[inside]
     # the acceleration over 20 ms loses half of it
     assert off.std() < 0.02 * acceleration[inside].std()
 
@@ -105,19 +98,13 @@ def test_a_speed_that_ripples_is_no_finding(size_rad):
 
 def test_a_motion_that_the_torque_does_not_have_is_not_expected():
     trace, acceleration = rippling_speed(1.5e-3)
-    rate = 2.0 * np.pi / 9.0
-    ripple = acceleration - 40.0 * rate * np.cos(rate * trace.time_s)
-    without = trace.with_columns(torque_nm=trace["torque_nm"] - 1.725e-4 * ripple)
-    no_mask = np.zeros(len(acceleration), dtype=bool)
-    model = BenchModel.from_profile(PROFILE.data)
-    record = as_followed(prepare_record(without, PROFILE.data, model, no_mask))
+    _, _, inertial = swing(trace.time_s, ripple=())
+    ripple_nm = INERTIA * acceleration - inertial
+    without = trace.with_columns(torque_nm=trace["torque_nm"] - ripple_nm)
+    expected = as_followed(prepared(without)).motion.acceleration_rad_s2
     found, whole, missed = (
         np.abs(np.fft.rfft(np.hanning(len(one)) * one)) ** 2
-        for one in (
-            record.motion.acceleration_rad_s2,
-            acceleration,
-            record.motion.acceleration_rad_s2 - acceleration,
-        )
+        for one in (expected, acceleration, expected - acceleration)
     )
     # the window of 20 ms ends at 50 Hz; a cell of .2 s is 5 Hz wide
     hertz = np.fft.rfftfreq(len(acceleration), 1e-3)
@@ -127,36 +114,38 @@ def test_a_motion_that_the_torque_does_not_have_is_not_expected():
 
 
 def test_a_speed_that_answers_to_the_torque_tells_what_counting_hides():
-    n, rate, step = 20_000, 2.0 * np.pi / 9.0, 2.0 * np.pi / 4000
-    time = np.arange(n) * 1e-3
-    speed = 60.0 + 40.0 * np.sin(rate * time)
-    angle = 60.0 * time + 40.0 / rate * (1.0 - np.cos(rate * time))
+    time = np.arange(20_000) * 1e-3
+    speed, angle, inertial = swing(time, 60.0, ripple=())
     phase = 4.0 * angle + 0.3
     # the angle that 3 rad/s^2 for each N m of the ripple make, by parts: its first term is true to
     # the change of the speed within a ripple, 1/50
     acceleration = 30.0 * np.cos(phase)
     moved = angle - acceleration / (4.0 * speed) ** 2
-    ripple = 10.0 * np.cos(phase)
-    counted = np.floor(moved / step) * step
-    trace = trace_of(time, np.gradient(counted, time), counted, ripple)
+    ripple, read = 10.0 * np.cos(phase), counted(moved)
+    trace = trace_of(time, np.gradient(read, time), read, ripple)
     motion = replace(motion_from_trace(trace, PROFILE.data), acceleration_source="angle")
-    smooth = 40.0 * rate * np.cos(rate * time)
+    smooth = inertial / INERTIA
     found, answer = seen_acceleration(motion, ripple, 1e-3)
     missed = found.acceleration_rad_s2 - smooth - acceleration
     assert missed[500:-500].std() > 0.5 * acceleration.std()
     assert (missed + answer)[500:-500].std() < 0.2 * acceleration.std()
 
 
+def starting(time):
+    """Return speed, angle and acceleration of 0 to 160 rad/s and back every 4 s."""
+    phase = 0.5 * np.pi * time
+    angle = 80.0 * (time - 2.0 / np.pi * np.sin(phase))
+    return 80.0 * (1.0 - np.cos(phase)), angle, 40.0 * np.pi * np.sin(phase)
+
+
 def angle_log(error_rad, counts=10_000, n=20_000):
     """Return a trace by a counted angle with an error; the velocity is made of its differences."""
     time = 1e-3 * np.arange(n)
-    angle = 80.0 * (time - 2.0 / np.pi * np.sin(0.5 * np.pi * time))
-    acceleration = 40.0 * np.pi * np.sin(0.5 * np.pi * time)
-    count = 2.0 * np.pi / counts
-    counted = np.floor((angle + error_rad * np.cos(angle)) / count) * count
-    torque = 0.3 * np.cos(2.0 * angle) + 1.725e-4 * acceleration
+    _, angle, acceleration = starting(time)
+    read = counted(angle + error_rad * np.cos(angle), counts)
+    torque = 0.3 * np.cos(2.0 * angle) + INERTIA * acceleration
     torque += 0.01 * np.random.default_rng(7).standard_normal(n)
-    return trace_of(time, np.gradient(counted, time), counted, torque)
+    return trace_of(time, np.gradient(read, time), read, torque)
 
 
 @pytest.mark.parametrize("source", ["velocity", "angle"])
@@ -201,13 +190,11 @@ def test_an_angle_that_jumps_makes_no_velocity_late():
 
 
 def test_an_error_of_the_angle_is_no_clock_that_jitters():
-    n = 20_000
-    time = 1e-3 * np.arange(n)
-    speed = 80.0 * (1.0 - np.cos(0.5 * np.pi * time))
-    angle = 80.0 * (time - 2.0 / np.pi * np.sin(0.5 * np.pi * time))
+    time = 1e-3 * np.arange(20_000)
+    speed, angle, _ = starting(time)
     # a ring that is mounted off its centre: steps would be off by up to 1.25 %
     wrong = angle + 0.0125 * np.cos(angle)
-    motion = motion_from_trace(trace_of(time, speed, wrong, np.zeros(n)), PROFILE.data)
+    motion = motion_from_trace(trace_of(time, speed, wrong, 0.0 * time), PROFILE.data)
     times, told = times_by_shaft(motion)
     assert told < 1e-3
     assert np.abs(np.diff(times) - 1e-3).max() < 1e-6
@@ -219,24 +206,19 @@ def test_a_clock_that_jitters_beneath_even_stamps_is_told_by_the_shaft(jitter):
     steps = 1e-3 * np.exp(jitter * rng.standard_normal(n - 1))
     taken = np.concatenate([[0.0], np.cumsum(steps)])
     taken *= 1e-3 * (n - 1) / taken[-1]
-    # 0 to 160 rad/s and back every 4 s, in closed form; a tacho and an encoder of 4000 counts
-    speed = 80.0 * (1.0 - np.cos(0.5 * np.pi * taken))
-    angle = 80.0 * (taken - 2.0 / np.pi * np.sin(0.5 * np.pi * taken))
-    acceleration = 40.0 * np.pi * np.sin(0.5 * np.pi * taken)
-    torque = 1.725e-4 * acceleration + 0.02 * rng.standard_normal(n)
-    count = 2.0 * np.pi / 4000.0
+    # a tacho and an encoder of 4000 counts
+    speed, angle, acceleration = starting(taken)
+    torque = INERTIA * acceleration + 0.02 * rng.standard_normal(n)
     tacho = np.round(speed + 0.05 * rng.standard_normal(n), 2)
-    trace = trace_of(1e-3 * np.arange(n), tacho, np.floor(angle / count) * count, torque)
+    trace = trace_of(1e-3 * np.arange(n), tacho, counted(angle), torque)
     motion = motion_from_trace(trace, PROFILE.data)
     times, told = times_by_shaft(motion)
     assert told == pytest.approx(np.std(steps / steps.mean()), abs=0.02)
     # counting hides a step to half a count over the speed; at rest the stamps are all there is
     fast = speed[1:] > 40.0
     left = np.diff(times) - steps * 1e-3 * (n - 1) / steps.sum()
-    assert left[fast].std() < 0.35 * count / 40.0 + 1e-9
-    record = prepare_record(
-        trace, PROFILE.data, BenchModel.from_profile(PROFILE.data), ~motion.valid
-    )
+    assert left[fast].std() < 0.35 * COUNT / 40.0 + 1e-9
+    record = prepared(trace, masked=~motion.valid)
     assert record.clock_jitter == pytest.approx(told, abs=0.02)
     np.testing.assert_array_equal(record.motion.time_s, trace.time_s)
     assert (record.taken_s is None) == (jitter == 0.0)
@@ -248,14 +230,13 @@ def test_a_clock_that_jitters_beneath_even_stamps_is_told_by_the_shaft(jitter):
 def test_a_filter_of_the_torque_runs_over_the_time_of_uneven_samples(stamped):
     # ripple up to 100 Hz behind a filter at 10 kHz with its corner at 48 Hz
     fine = 1e-4 * np.arange(80_000)
-    angle = 80.0 * (fine - 2.0 / np.pi * np.sin(0.5 * np.pi * fine))
+    _, angle, acceleration = starting(fine)
     ripple = 0.3 * np.cos(2.0 * angle) + 0.4 * np.cos(4.0 * angle + 1.0)
-    acceleration = 40.0 * np.pi * np.sin(0.5 * np.pi * fine)
-    passed = sosfiltfilt(butter(2, 48.0, fs=1e4, output="sos"), ripple + 1.725e-4 * acceleration)
+    passed = sosfiltfilt(butter(2, 48.0, fs=1e4, output="sos"), ripple + INERTIA * acceleration)
     rng = np.random.default_rng(9)
     taken = np.cumsum(1e-3 * np.exp(0.25 * rng.standard_normal(7_900)))
     taken = taken[taken < fine[-1]]
-    speed = 80.0 * (1.0 - np.cos(0.5 * np.pi * taken))
+    speed, _, _ = starting(taken)
     torque = np.interp(taken, fine, passed) + 0.01 * rng.standard_normal(len(taken))
     stamps = taken if stamped else np.linspace(taken[0], taken[-1], len(taken))
     tacho = np.round(speed + 0.05 * rng.standard_normal(len(taken)), 2)
@@ -294,11 +275,7 @@ def test_an_acceleration_is_by_the_angle_where_the_velocity_is_late():
     smooth = trace.with_columns(motor_velocity_rad_s=late)
     # by scatter alone the smoothed velocity is the better one
     assert motion_from_trace(smooth, PROFILE.data).acceleration_source == "velocity"
-    no_mask = np.zeros(len(acceleration), dtype=bool)
-    model = BenchModel.from_profile(PROFILE.data)
-    assert (
-        prepare_record(smooth, PROFILE.data, model, no_mask).motion.acceleration_source == "angle"
-    )
+    assert prepared(smooth).motion.acceleration_source == "angle"
 
 
 @pytest.mark.parametrize("samples", [0, 12])
@@ -332,9 +309,7 @@ def test_a_load_is_in_the_torque_where_that_follows_it(held, share):
     trace = reversing()
     load = trace["load_torque_nm"]
     changed = trace.with_columns(torque_nm=trace["torque_nm"] - load + held(load))
-    no_mask = np.zeros(len(trace), dtype=bool)
-    model = BenchModel.from_profile(PROFILE.data)
-    assert prepare_record(changed, PROFILE.data, model, no_mask).load == share
+    assert prepared(changed).load == share
 
 
 def test_a_load_that_was_logged_behind_the_filter_stands_as_it_was_logged():
@@ -342,11 +317,10 @@ def test_a_load_that_was_logged_behind_the_filter_stands_as_it_was_logged():
     load = 5.0 * np.tanh((trace.time_s - 2.0) / 0.01)
     both = trace.with_columns(torque_nm=trace["torque_nm"] + load, load_torque_nm=load)
     masked = np.random.default_rng(2).random(4000) < 0.04
-    model = BenchModel.from_profile(PROFILE.data)
     low_pass = LowPass(0.1, causal=True, load=True)
     fixed = []
     for one in (both, trace):
-        record = prepare_record(one, PROFILE.data, model, masked).behind(low_pass)
+        record = prepared(one, masked=masked).behind(low_pass)
         bands = make_bands(record.valid, record.period_s).low_passed(low_pass)
         fixed.append(fixed_of(record, bands))
     logged = bands.transform(load[:, None], measured=True)[0]
@@ -355,14 +329,14 @@ def test_a_load_that_was_logged_behind_the_filter_stands_as_it_was_logged():
 
 @pytest.mark.parametrize("speed", [90.0, 61.3])
 def test_counting_steps_are_no_motion(speed):
-    time, step = np.arange(20_000) * 1e-3, 2.0 * np.pi / 4000
+    time = np.arange(20_000) * 1e-3
     # at so steady a speed counting steps are lines, which stand out of their own noise
     angle = speed * time + 0.05 * np.sin(0.3 * time)
-    trace = trace_of(time, np.full(20_000, speed), np.floor(angle / step) * step, 0.0 * time)
+    trace = trace_of(time, np.full(20_000, speed), counted(angle), 0.0 * time)
     motion = replace(motion_from_trace(trace, PROFILE.data), acceleration_source="angle")
     # a step is even over its width, and its noise over all frequencies: 2000 rad/s^2, of which a
     # hundredth moves this load by .003 N m, a third of the least noise of the benchmark
-    counted = step / np.sqrt(12.0) * (np.pi / 1e-3) ** 2 / np.sqrt(5.0)
+    steps = COUNT / np.sqrt(12.0) * (np.pi / 1e-3) ** 2 / np.sqrt(5.0)
     found, answer = seen_acceleration(motion, 0.01 * np.cos(7.0 * angle), 1e-3)
     for values in (found.acceleration_rad_s2, answer):
-        assert values[200:-200].std() < 0.01 * counted
+        assert values[200:-200].std() < 0.01 * steps
