@@ -9,6 +9,12 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands
 
 PERIOD_S = 2e-3
+both_ways = pytest.mark.parametrize(("causal", "run"), [(False, sosfiltfilt), (True, sosfilt)])
+
+
+def whole(n, **more):
+    """Return the bands of a record that lost no sample."""
+    return make_bands(np.ones(n, dtype=bool), PERIOD_S, **more)
 
 
 def cosines(size):
@@ -22,7 +28,7 @@ def cosines(size):
 # 577 is a prime: its transform is longer than the record
 @pytest.mark.parametrize("n", [600, 577])
 def test_coefficients_are_those_of_the_definition(n):
-    bands = make_bands(np.ones(n, dtype=bool), PERIOD_S)
+    bands = whole(n)
     columns = np.random.default_rng(0).standard_normal((n, 3))
     wanted = (cosines(bands.length)[:, :n] @ (bands.fade[:, None] * columns)).T
     np.testing.assert_allclose(bands.transform(columns), wanted, atol=1e-11)
@@ -30,7 +36,7 @@ def test_coefficients_are_those_of_the_definition(n):
 
 def test_without_fading_products_of_columns_stay():
     n = 577
-    bands = replace(make_bands(np.ones(n, dtype=bool), PERIOD_S), fade=np.ones(n))
+    bands = replace(whole(n), fade=np.ones(n))
     columns = np.random.default_rng(1).standard_normal((n, 4))
     rows = bands.transform(columns)
     np.testing.assert_allclose(rows @ rows.T, columns.T @ columns, atol=1e-10)
@@ -59,9 +65,8 @@ def test_lost_samples_are_bridged_by_straight_lines():
     at = np.arange(n)
     bridged = np.interp(at, at[valid], column[valid])
     column[~valid] = 1e6
-    full = make_bands(np.ones(n, dtype=bool), PERIOD_S)
-    found = bands.transform(column[:, None])[0]
-    np.testing.assert_allclose(found, full.transform(bridged[:, None])[0], atol=1e-10)
+    found, wanted = bands.transform(column[:, None]), whole(n).transform(bridged[:, None])
+    np.testing.assert_allclose(found, wanted, atol=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +93,7 @@ def test_the_inverse_is_the_transpose(kind):
 @pytest.mark.parametrize("causal", [False, True])
 def test_what_a_low_pass_leaves_of_a_tone_is_its_gain(causal):
     n, hertz, corner = 4000, 40.0, 0.1
-    bands = make_bands(np.ones(n, dtype=bool), PERIOD_S)
+    bands = whole(n)
     tone = np.cos(2.0 * np.pi * hertz * np.arange(n) * PERIOD_S)[:, None]
     channel = bands.low_passed(LowPass(corner, causal=causal))
     open_, passed = bands.transform(tone)[0], channel.transform(tone)[0]
@@ -102,12 +107,11 @@ def test_what_a_low_pass_leaves_of_a_tone_is_its_gain(causal):
     np.testing.assert_array_equal(already, open_)
 
 
-@pytest.mark.parametrize("causal", [False, True])
-def test_a_filter_goes_on_through_lost_samples(causal):
+@both_ways
+def test_a_filter_goes_on_through_lost_samples(causal, run):
     n, corner = 3000, 0.2
     valid = np.random.default_rng(5).random(n) > 0.05
     wave = np.cos(2.0 * np.pi * 60.0 * np.arange(n) * PERIOD_S)
-    run = sosfilt if causal else sosfiltfilt
     stored = run(butter(2, corner, output="sos"), wave)
     bands = make_bands(valid, PERIOD_S).low_passed(LowPass(corner, causal=causal))
     lost = np.where(valid, stored, np.nan)[:, None]
@@ -116,18 +120,17 @@ def test_a_filter_goes_on_through_lost_samples(causal):
     assert np.std(found - measured) < 0.01 * np.std(measured)
 
 
-@pytest.mark.parametrize("causal", [False, True])
-def test_a_filter_runs_over_the_times_of_uneven_samples(causal):
+@both_ways
+def test_a_filter_runs_over_the_times_of_uneven_samples(causal, run):
     # what a filter at 50 kHz makes of a tone at a fifth of the sampling rate, read unevenly
     n, hertz, corner_hz, rate = 3000, 100.0, 50.0, 50_000.0
     times = uneven(n)
     fine = np.arange(int(times[-1] * rate) + 2) / rate
-    run = sosfilt if causal else sosfiltfilt
     # the filters differ at both ends
     tone = np.cos(2.0 * np.pi * hertz * fine) * np.exp(-(((fine - 3.0) / 1.2) ** 2))
     stored = np.interp(times, fine, run(butter(2, corner_hz, fs=rate, output="sos"), tone))
     read = np.interp(times, fine, tone)[:, None]
-    bands = make_bands(np.ones(n, dtype=bool), PERIOD_S, taken_s=times)
+    bands = whole(n, taken_s=times)
     corner = 2.0 * corner_hz * PERIOD_S
     left = {}
     for over_time in (False, True):
@@ -152,12 +155,11 @@ def test_the_damping_of_a_low_pass_makes_other_filters_of_it():
     np.testing.assert_allclose(damped - wave[0], sosfilt(stages, wave - wave[0]), atol=1e-7)
 
 
-@pytest.mark.parametrize("causal", [False, True])
-def test_a_filter_ahead_of_the_sampling_bends_no_frequencies(causal):
+@both_ways
+def test_a_filter_ahead_of_the_sampling_bends_no_frequencies(causal, run):
     # 200 samples/s of a torque that was filtered at 10 kHz: a tone at 0.8 of Nyquist's frequency
     fine = np.arange(200_000) * 1e-4
     wave = np.cos(2.0 * np.pi * 80.0 * fine) * np.exp(-((fine - 10.0) ** 2) / 8.0)
-    run = sosfilt if causal else sosfiltfilt
     stored = run(butter(2, 48.0, fs=1e4, output="sos"), wave)[::50]
     analog, sampled = (LowPass(0.48, causal=causal, analog=kind) for kind in (True, False))
     np.testing.assert_allclose(analog.applied(wave[::50]), stored, atol=2e-3)
@@ -176,14 +178,13 @@ def test_bands_cover_the_coefficients_and_count_what_is_independent():
     assert bands.frequency_hz[-1] == pytest.approx(0.5 / PERIOD_S, rel=0.05)
 
 
-@pytest.mark.parametrize("causal", [False, True])
-def test_a_filter_is_undone_where_it_passes_enough(causal):
+@both_ways
+def test_a_filter_is_undone_where_it_passes_enough(causal, run):
     n, corner = 4000, 0.1
     time = np.arange(n) * PERIOD_S
     # 2 and 9 Hz against a corner of 25 Hz
     wave = np.cos(2.0 * np.pi * 2.0 * time) + 0.5 * np.sin(2.0 * np.pi * 9.0 * time)
-    sections = butter(2, corner, output="sos")
-    held = sosfilt(sections, wave) if causal else sosfiltfilt(sections, wave)
+    held = run(butter(2, corner, output="sos"), wave)
     inside = np.abs(time - time.mean()) < 3.0
     made = LowPass(corner, causal=causal).applied(wave)
     np.testing.assert_allclose(made[inside], held[inside], atol=1e-6)

@@ -39,6 +39,10 @@ def moments_of(rows, measured, coefficients, penalty, expected=None):
     )
 
 
+def solved(*case):
+    return solve(moments_of(*case), SHAPES, SPECTRUM, rounds=0)
+
+
 @pytest.fixture(name="case")
 def drawn():
     rng = np.random.default_rng(11)
@@ -94,7 +98,7 @@ def test_a_row_beside_a_fit_is_what_weighted_least_squares_leave_of_it():
 
 def test_the_solution_is_that_of_weighted_least_squares(case):
     rows, measured, coefficients = case
-    found = solve(moments_of(rows, measured, coefficients, np.zeros(5)), SHAPES, SPECTRUM, rounds=0)
+    found = solved(rows, measured, coefficients, np.zeros(5))
     wanted = np.linalg.lstsq((rows / np.sqrt(NOISE)).T, measured / np.sqrt(NOISE), rcond=None)[0]
     np.testing.assert_allclose(coefficients + found.step, wanted, rtol=1e-7)
     left = (measured - wanted @ rows) / np.sqrt(NOISE)
@@ -105,8 +109,7 @@ def test_the_evidence_of_form_errors_is_a_dense_gaussian_likelihood(case):
     rows, measured, coefficients = case
     spread = np.array([0.7, 2.0, 0.05, 1.3, 0.4])
     mean = np.array([0.5, 0.0, -1.0, 0.0, 2.0])
-    held = moments_of(rows, measured, coefficients, 1.0 / spread**2, mean)
-    found = solve(held, SHAPES, SPECTRUM, rounds=0)
+    found = solved(rows, measured, coefficients, 1.0 / spread**2, mean)
     covariance = np.diag(NOISE) + rows.T @ np.diag(spread**2) @ rows
     wanted = multivariate_normal(mean @ rows, covariance).logpdf(measured)
     constant = -0.5 * 80 * np.log(2.0 * np.pi)
@@ -118,9 +121,7 @@ def test_free_columns_beside_form_errors_are_fitted_at_no_cost(case):
     free, form = rows[:2], rows[2:]
     spread = np.array([0.05, 1.3, 0.4])
     penalty = np.concatenate([[0.0, 0.0], 1.0 / spread**2])
-    found = solve(
-        moments_of(rows, measured, coefficients, penalty), SHAPES, SPECTRUM, rounds=0
-    ).likelihood
+    found = solved(rows, measured, coefficients, penalty).likelihood
     covariance = np.diag(NOISE) + form.T @ np.diag(spread**2) @ form
     inverse = np.linalg.inv(covariance)
     info = free @ inverse @ free.T
@@ -140,10 +141,10 @@ def test_free_columns_beside_form_errors_are_fitted_at_no_cost(case):
 def test_a_column_that_is_empty_takes_nothing(case):
     rows, measured, _ = case
     rows = np.concatenate([rows[:2], np.zeros((1, 80))])
-    found = solve(moments_of(rows, measured, np.zeros(3), np.zeros(3)), SHAPES, SPECTRUM, rounds=0)
+    found = solved(rows, measured, np.zeros(3), np.zeros(3))
     assert found.step[2] == 0.0
-    alone = moments_of(rows[:2], measured, np.zeros(2), np.zeros(2))
-    assert found.likelihood == pytest.approx(solve(alone, SHAPES, SPECTRUM, rounds=0).likelihood)
+    alone = solved(rows[:2], measured, np.zeros(2), np.zeros(2))
+    assert found.likelihood == pytest.approx(alone.likelihood)
 
 
 @pytest.mark.parametrize("statistic", [0.5, 12.0, 300.0])
@@ -159,6 +160,10 @@ def test_log_evidence_of_one_amplitude_is_the_integral_over_its_prior(statistic)
     assert log_evidence(statistic, 1) == pytest.approx(np.log(integral) + 0.5 * statistic, abs=1e-6)
 
 
+def test_nothing_has_no_evidence():
+    assert log_evidence(0.0, 0) == -np.inf
+
+
 @pytest.mark.parametrize("dof", [2, 5])
 def test_log_evidence_of_several_amplitudes_is_a_ratio_of_gaussian_densities(dof):
     z = np.random.default_rng(dof).standard_normal(dof) * 9.0
@@ -169,10 +174,6 @@ def test_log_evidence_of_several_amplitudes_is_a_ratio_of_gaussian_densities(dof
     assert log_evidence(statistic, dof) == pytest.approx(with_it - without)
 
 
-def test_nothing_has_no_evidence():
-    assert log_evidence(0.0, 0) == -np.inf
-
-
 @pytest.mark.parametrize("dropped", [[], [4], [3, 4]])
 def test_quick_likelihoods_differ_as_those_of_a_fit_in_one_noise(case, dropped):
     rows, measured, coefficients = case
@@ -180,9 +181,8 @@ def test_quick_likelihoods_differ_as_those_of_a_fit_in_one_noise(case, dropped):
     weighted, right = rows / NOISE @ rows.T, rows / NOISE @ measured
 
     def both(kept):
-        moments = moments_of(rows[kept], measured, coefficients[kept], penalty[kept])
-        solved = solve(moments, SHAPES, SPECTRUM, rounds=0)
-        return quick_likelihood(weighted, right, penalty, kept), solved.likelihood
+        full = solved(rows[kept], measured, coefficients[kept], penalty[kept])
+        return quick_likelihood(weighted, right, penalty, kept), full.likelihood
 
     quick, full = both(~np.isin(np.arange(5), dropped))
     first_quick, first_full = both(np.array([True, True, True, True, False]))

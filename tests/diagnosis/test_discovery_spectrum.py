@@ -10,6 +10,7 @@ from hdbench.diagnosis.discovery.spectrum import make_shapes
 N, PERIOD_S = 20_000, 1e-3
 BANDS = make_bands(np.ones(N, dtype=bool), PERIOD_S)
 SHAPES = make_shapes(BANDS.frequency_hz, 1e-12)
+HERTZ = np.maximum(np.arange(BANDS.length), 0.5) / (2.0 * BANDS.length * PERIOD_S)
 # a single coefficient at the very start stands for no band
 TOLD = np.diff(BANDS.edges) >= 3
 
@@ -24,37 +25,40 @@ def theory(kind, hertz):
     return 1e-4 * (1.0 + 20.0 / hertz)
 
 
+def means(power):
+    """Return the mean over the coefficients of each band."""
+    return np.add.reduceat(power, BANDS.edges[:-1]) / np.diff(BANDS.edges)
+
+
 def in_bands(kind):
-    """Return the mean of the theory over the coefficients of each band."""
-    hertz = np.maximum(np.arange(BANDS.length), 0.5) / (2.0 * BANDS.length * PERIOD_S)
-    return np.add.reduceat(theory(kind, hertz), BANDS.edges[:-1]) / np.diff(BANDS.edges)
+    return means(theory(kind, HERTZ))
 
 
 def simulated(kind, rng):
     """Return the mean square of each band of one record."""
     if kind == "1/f":
-        hertz = np.maximum(np.arange(BANDS.length), 0.5) / (2.0 * BANDS.length * PERIOD_S)
-        row = np.sqrt(theory(kind, hertz)) * rng.standard_normal(BANDS.length)
+        row = np.sqrt(theory(kind, HERTZ)) * rng.standard_normal(BANDS.length)
         return BANDS.power(row) / np.diff(BANDS.edges)
     white = rng.standard_normal(N + 500)
     noise = 0.05 * white if kind == "white" else 0.02 * signal.lfilter([1.0], [1.0, -0.9], white)
     return BANDS.power(BANDS.transform(noise[500:, None])[0]) / BANDS.counts
 
 
-@pytest.mark.parametrize("kind", ["white", "pole", "1/f"])
+KINDS = {"white": SHAPES, "pole": SHAPES, "1/f": SHAPES.rising()}
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_spectrum_of_theory_is_met(kind):
     wanted = in_bands(kind)
-    shapes = SHAPES.rising() if kind == "1/f" else SHAPES
-    found = shapes.fit(wanted, BANDS.counts)
+    found = KINDS[kind].fit(wanted, BANDS.counts)
     # a pole between two of the grid's, 1.9 apart in frequency, is made of both
     np.testing.assert_allclose(found.power[TOLD], wanted[TOLD], rtol=0.12)
 
 
-@pytest.mark.parametrize("kind", ["white", "pole", "1/f"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_spectrum_of_a_record_is_recovered(kind):
     wanted = in_bands(kind)
-    shapes = SHAPES.rising() if kind == "1/f" else SHAPES
-    found = shapes.fit(simulated(kind, np.random.default_rng(5)), BANDS.counts)
+    found = KINDS[kind].fit(simulated(kind, np.random.default_rng(5)), BANDS.counts)
     # of 400 coefficients and more a band alone tells 7 %; four standard deviations and the grid
     many = BANDS.counts > 300.0
     np.testing.assert_allclose(found.power[many], wanted[many], rtol=0.3)
@@ -84,26 +88,23 @@ def test_the_fit_is_at_least_as_likely_as_the_true_spectrum():
 
 
 def test_a_share_of_what_is_modelled_is_form_error_up_to_a_hundredth_of_its_size():
-    model = np.zeros(len(BANDS))
-    model[20] = 50.0
-    power = np.full(len(BANDS), 1e-4)
-    power[20] += 1e-4 * model[20]
-    bare = SHAPES.without_bumps().fit(power, BANDS.counts)
-    with_form = SHAPES.without_bumps().fit(power, BANDS.counts, None, model, np.zeros(len(BANDS)))
+    nothing, shapes = np.zeros(len(BANDS)), SHAPES.without_bumps()
+    model = np.where(np.arange(len(BANDS)) == 20, 50.0, 0.0)
+    power = 1e-4 + 1e-4 * model
+    bare = shapes.fit(power, BANDS.counts)
+    with_form = shapes.fit(power, BANDS.counts, None, model, nothing)
     assert bare.power[20] < 0.2 * power[20]
     assert with_form.power[20] == pytest.approx(power[20], rel=0.05)
     # a hundredth in amplitude is the most
     power[20] += 9e-4 * model[20]
-    capped = SHAPES.without_bumps().fit(power, BANDS.counts, None, model, np.zeros(len(BANDS)))
+    capped = shapes.fit(power, BANDS.counts, None, model, nothing)
     assert capped.power[20] < 0.2 * power[20]
 
 
 def test_white_noise_behind_the_filter_of_the_channel_is_no_hump():
     sections = signal.butter(2, 55.0, fs=1.0 / PERIOD_S, output="sos")
-    hertz = np.arange(BANDS.length) / (2.0 * BANDS.length * PERIOD_S)
     # forward and back
-    passed = np.abs(signal.sosfreqz(sections, hertz, fs=1.0 / PERIOD_S)[1]) ** 4
-    power = np.add.reduceat(passed, BANDS.edges[:-1]) / np.diff(BANDS.edges)
+    power = means(np.abs(signal.sosfreqz(sections, HERTZ, fs=1.0 / PERIOD_S)[1]) ** 4)
     off = []
     for shapes in (make_shapes(BANDS.frequency_hz, 1e-12, power), SHAPES):
         falling = shapes.without_bumps().fit(power, BANDS.counts).power

@@ -12,7 +12,7 @@ from hdbench.diagnosis.inspection.result import Inspection
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, simulate_run
 from hdbench.profile import load_profile
-from hdbench.records import Trace
+from hdbench.records import Trace, write_trace
 
 PROFILE = load_profile("cim-tr-97-06").data
 RATE = 500.0
@@ -41,8 +41,23 @@ def inspected(columns) -> Inspection:
     return inspect_trace(Trace(columns), PROFILE)
 
 
+def named(result):
+    return {(one.name, one.channel) for one in result.findings}
+
+
 def found(columns):
-    return {(one.name, one.channel) for one in inspected(columns).findings}
+    return named(inspected(columns))
+
+
+def channels(result):
+    return {one.name: one for one in result.channels}
+
+
+def written(folder, *rows):
+    """Return what is inspected of a file of these rows."""
+    path = folder / "log.csv"
+    path.write_text("\n".join(rows) + "\n")
+    return inspect_log(read_log(path), PROFILE)
 
 
 @pytest.mark.parametrize("rate", [50.0, 125.0, 1000.0])
@@ -52,7 +67,7 @@ def test_nothing_is_found_in_a_clean_log(rate, noise):
 
 
 def test_facts_of_a_clean_log():
-    seen = {one.name: one for one in inspected(clean()).channels}
+    seen = channels(inspected(clean()))
     torque = seen["torque_nm"]
     assert torque.resolution == pytest.approx(0.01, rel=1e-6)
     # noise of 0.05 and rounding of 0.01 / sqrt(12); a median of 100 bins is good to a tenth
@@ -73,9 +88,8 @@ def test_a_low_passed_torque_is_found_with_its_band(hertz):
     columns = clean(step=1e-9)
     columns["torque_nm"] = filtered(columns["torque_nm"], hertz)
     result = inspected(columns)
-    assert ("low-passed", "torque_nm") in {(f.name, f.channel) for f in result.findings}
-    band = {one.name: one for one in result.channels}["torque_nm"].bandwidth_hz
-    assert hertz < band < 12 * hertz
+    assert ("low-passed", "torque_nm") in named(result)
+    assert hertz < channels(result)["torque_nm"].bandwidth_hz < 12 * hertz
 
 
 @pytest.mark.parametrize("noise_nm", [0.0, 0.05])
@@ -120,7 +134,7 @@ def test_a_late_velocity_is_found_with_its_delay(samples):
     columns = clean()
     columns["motor_velocity_rad_s"] = np.roll(columns["motor_velocity_rad_s"], samples)
     result = inspected(columns)
-    assert ("delay", "motor_velocity_rad_s") in {(f.name, f.channel) for f in result.findings}
+    assert ("delay", "motor_velocity_rad_s") in named(result)
     velocity = result.channels[0]
     assert abs(velocity.delay_s - samples / RATE) < 4.0 * velocity.delay_std_s + 0.05 / RATE
 
@@ -131,10 +145,9 @@ def test_held_samples_are_found_and_counted():
     fresh = rng.random(len(columns["time_s"])) > 0.04
     last = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
     columns["torque_nm"] = columns["torque_nm"][last]
-    result = inspected(columns)
-    held = {one.name: one.held_share for one in result.channels}
-    assert held["torque_nm"] == pytest.approx(0.04, abs=0.01)
-    assert held["motor_velocity_rad_s"] == 0.0
+    seen = channels(inspected(columns))
+    assert seen["torque_nm"].held_share == pytest.approx(0.04, abs=0.01)
+    assert seen["motor_velocity_rad_s"].held_share == 0.0
 
 
 def test_stamps_that_jitter_and_gaps_are_found():
@@ -162,34 +175,25 @@ def test_a_constant_speed_limits_what_the_motion_tells_and_is_no_fault():
 
 
 def test_a_log_without_a_time_is_told_and_not_refused(tmp_path):
-    rows = "\n".join(f"{0.1 * k},{k % 7}" for k in range(50))
-    path = tmp_path / "log.csv"
-    path.write_text(f"angle,torque\n{rows}\n")
-    result = inspect_log(read_log(path), PROFILE)
+    result = written(tmp_path, "angle,torque", *(f"{0.1 * k},{k % 7}" for k in range(50)))
     assert [one.name for one in result.findings if one.channel is None] == ["no-time"]
 
 
 def test_repeated_stamps_are_told(tmp_path):
-    rows = "\n".join(f"{0.01 * (k - (k == 30))!r},{np.sin(k)!r}" for k in range(100))
-    path = tmp_path / "log.csv"
-    path.write_text(f"time_s,torque_nm\n{rows}\n")
-    result = inspect_log(read_log(path), PROFILE)
+    rows = (f"{0.01 * (k - (k == 30))},{np.sin(k)}" for k in range(100))
+    result = written(tmp_path, "time_s,torque_nm", *rows)
     assert result.sampling.repeated == 1
     assert "repeated-stamps" in {one.name for one in result.findings}
 
 
 def test_a_file_without_numbers_is_refused(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("a,b\nx,y\n")
     with pytest.raises(DataError):
-        read_log(path)
+        written(tmp_path, "a,b", "x,y")
 
 
 def test_the_command_prints_one_object(tmp_path, hdbench):
-    columns = clean(125.0, 10.0)
     path = tmp_path / "trace.csv"
-    table = np.column_stack(list(columns.values()))
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+    write_trace(path, Trace(clean(125.0, 10.0)))
     body = json.loads(hdbench("inspect", path, "--json")[0])
     assert body["schema"] == "hdbench/inspect/1"
     assert {"name", "unit", "rate_hz", "bandwidth_hz", "resolution", "missing_share", "held_share",
@@ -217,4 +221,4 @@ def test_the_command_prints_one_object(tmp_path, hdbench):
 )
 def test_what_is_known_of_real_logs_is_found(file, expected):
     result = inspect_log(read_log(REAL / file), PROFILE)
-    assert expected in {(one.name, one.channel) for one in result.findings}
+    assert expected in named(result)

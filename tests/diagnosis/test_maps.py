@@ -15,12 +15,11 @@ from hdbench.records import write_trace
 PROFILE = load_profile("cim-tr-97-06")
 
 
-def pictures(before, after, speed, n):
-    time = np.arange(n) * 1e-3
-    nothing = np.zeros(n)
+def pictures(before, after, speed):
+    time, nothing = np.arange(len(speed)) * 1e-3, np.zeros(len(speed))
     angle = np.cumsum(speed) * 1e-3
     return Pictures(
-        time, speed, nothing, nothing, nothing, before, after, np.zeros(n, dtype=bool), (),
+        time, speed, nothing, nothing, nothing, before, after, nothing > 0.0, (),
         np.gradient(speed, 1e-3), angle, angle / 100.0, nothing,
     )  # fmt: skip
 
@@ -30,39 +29,33 @@ def sweep(n):
 
 
 def test_the_mean_residual_over_speed_is_the_curve_that_was_put_in():
-    n = 60_000
-    rng = np.random.default_rng(1)
-    speed = sweep(n)
-    noise = 0.05 * rng.standard_normal(n)
-    maps = residual_maps(pictures(2e-3 * speed + noise, noise, speed, n))
+    speed = sweep(60_000)
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(speed))
+    maps = residual_maps(pictures(2e-3 * speed + noise, noise, speed))
     found = maps["velocity"]
     away = (found["before_nm"] - 2e-3 * found["motor_velocity_rad_s"]) / found["before_std_nm"]
     # 48 means of a normal law: the largest of 48 lies above 4 with a probability of 3e-3
     assert np.abs(away).max() < 4.0
-    assert found["samples"].sum() == n
+    assert found["samples"].sum() == len(speed)
     assert "torque" not in maps  # the load is zero throughout
 
 
 def test_noise_that_grows_with_speed_shows_in_the_variance_map():
-    n = 60_000
-    rng = np.random.default_rng(2)
-    speed = sweep(n)
-    noise = (0.01 + 1e-3 * np.abs(speed)) * rng.standard_normal(n)
-    found = residual_maps(pictures(noise, noise, speed, n))["variance"]
+    speed = sweep(60_000)
+    noise = (0.01 + 1e-3 * np.abs(speed)) * np.random.default_rng(2).standard_normal(len(speed))
+    found = residual_maps(pictures(noise, noise, speed))["variance"]
     expected = 0.01 + 1e-3 * found["absolute_velocity_rad_s"]
     # bins of 1000 samples know their rms to 2.2 %; the bin's own width adds to the first ones
     assert np.abs(found["after_nm"][3:] / expected[3:] - 1.0).max() < 0.1
 
 
 def test_masked_and_lost_samples_enter_no_map():
-    n = 6_000
-    speed = sweep(n)
-    before = np.full(n, 1.0)
+    before = np.full(6_000, 1.0)
     before[:100] = np.nan
-    made = pictures(before, before, speed, n)
+    made = pictures(before, before, sweep(6_000))
     made.masked[100:200] = True
     for found in residual_maps(made).values():
-        assert found["samples"].sum() <= n - 200
+        assert found["samples"].sum() <= 5_800
         np.testing.assert_allclose(found["before_nm"], 1.0)
 
 

@@ -1,6 +1,7 @@
 """Planning: separability of causes, against closed forms, all samples and other code."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -27,9 +28,8 @@ PERIOD_S = 0.001
 
 def motion_at(speeds: tuple[float, ...], each_s: float) -> Motion:
     """Return a motion that changes from one steady speed to the next within 50 ms."""
-    n = round(each_s / PERIOD_S)
     smooth = np.hanning(50) / np.hanning(50).sum()
-    velocity = np.concatenate([np.full(n, speed) for speed in speeds])
+    velocity = np.repeat(speeds, round(each_s / PERIOD_S))
     padded = np.pad(velocity, 50, mode="edge")
     velocity = np.convolve(padded, smooth, mode="same")[50:-50]
     time = PERIOD_S * np.arange(len(velocity))
@@ -38,29 +38,31 @@ def motion_at(speeds: tuple[float, ...], each_s: float) -> Motion:
     return motion_from_trace(Trace(columns, "two speeds"), PROFILE)
 
 
+def compared(motion, *names, **more):
+    return compare(motion, effects_named(names), PROFILE, **more)
+
+
 def test_a_tone_imitates_a_quarter_of_an_order_at_two_speeds():
     # a tone fits one of two equally long speeds and is orthogonal to the other, with half of its
     # own power at each: cos^2 = (n / 4)^2 / (n / 2)^2 = 1/4. What it picks up of the other speed,
     # and the changes of speed, are below 1 %; a sketch adds 1 %
-    found = compare(
-        motion_at((100.0, 170.0), 15.0), effects_named(("ripple-harmonic", "structural-tone")),
-        PROFILE,
-    )  # fmt: skip
-    assert found.share("ripple-harmonic", "structural-tone") == pytest.approx(0.75, abs=0.02)
+    names = ("ripple-harmonic", "structural-tone")
+    found = compared(motion_at((100.0, 170.0), 15.0), *names)
+    assert found.share(*names) == pytest.approx(0.75, abs=0.02)
 
 
 def test_eccentricity_and_unbalance_at_two_speeds_have_the_closed_form_share():
     # amplitudes (1, 1) and (1, 9) at speeds w and 3 w, equally long:
     # sin^2 = 1 - (1 + 9)^2 / (2 (1 + 81)) = 0.390
     names = ("wave-generator-eccentricity", "motor-unbalance")
-    found = compare(motion_at((60.0, 180.0), 15.0), effects_named(names), PROFILE)
+    found = compared(motion_at((60.0, 180.0), 15.0), *names)
     for pair in (names, names[::-1]):
         assert found.share(*pair) == pytest.approx(1.0 - 100.0 / 164.0, abs=0.015)
 
 
 def test_the_bound_of_a_tone_is_that_of_the_literature():
     # sigma_A = sigma sqrt(2 / n) = 2.9e-4 N m for 60 s of 0.05 N m at 1 kHz
-    found = compare(motion_at((156.0,), 60.0), effects_named(("structural-tone",)), PROFILE)
+    found = compared(motion_at((156.0,), 60.0), "structural-tone")
     (entry,) = found.visibility
     assert entry.std_nm == pytest.approx(0.05 * math.sqrt(2.0 / 60_000), rel=0.02)
     assert entry.detectable_nm is not None
@@ -70,39 +72,33 @@ def test_the_bound_of_a_tone_is_that_of_the_literature():
 
 def test_red_noise_hides_slow_effects_by_its_spectrum_at_zero():
     # an AR(1) of 0.9 has 1 / (1 - 0.9) = 10 times the innovation's density (in amplitude) at 0 Hz
-    motion, effects = motion_at((50.0, -50.0), 10.0), effects_named(("zero-drift",))
-    white = compare(motion, effects, PROFILE, noise=Noise.white(0.01)).visibility[0]
+    motion = motion_at((50.0, -50.0), 10.0)
+    white = compared(motion, "zero-drift", noise=Noise.white(0.01)).visibility[0]
     phase = np.linspace(0.0, np.pi, 513)
     power = 0.01**2 / np.abs(1.0 - 0.9 * np.exp(-1j * phase)) ** 2
     noise = Noise(phase / (2.0 * np.pi * PERIOD_S), power)
-    red = compare(motion, effects, PROFILE, noise=noise).visibility[0]
-    assert white.std_nm is not None
-    assert red.std_nm is not None
+    red = compared(motion, "zero-drift", noise=noise).visibility[0]
     assert red.std_nm / white.std_nm == pytest.approx(10.0, rel=0.05)
 
 
 def test_a_sketch_gives_the_shares_of_all_samples():
-    plan = full_protocol(PROFILE, loads=False)
-    motion = planned_motion(plan, PROFILE)
     names = (
-        "motor-unbalance",
-        "wave-generator-eccentricity",
-        "coulomb-friction",
-        "viscous-friction",
-        "zero-drift",
-        "angular-misalignment",
-        "inertia-error",
-    )
-    effects = effects_named(names)
-    few = compare(motion, effects, PROFILE)
-    whole = compare(motion, effects, PROFILE, n_rows=len(motion))
+        "motor-unbalance", "wave-generator-eccentricity", "coulomb-friction", "viscous-friction",
+        "zero-drift", "angular-misalignment", "inertia-error",
+    )  # fmt: skip
+    motion = planned_motion(full_protocol(PROFILE, loads=False), PROFILE)
+    few, whole = compared(motion, *names), compared(motion, *names, n_rows=len(motion))
     # the error that the frame states for itself
     assert np.nanmax(np.abs(few.sin2 - whole.sin2)) < 0.02
 
 
-def test_what_remembers_is_the_same_on_few_samples_as_on_all():
+def swept():
     sweep = (Segment("ramp", 8.0, 150.0), Segment("ramp", 8.0, -150.0), Segment("ramp", 4.0, 0.0))
-    motion = planned_motion(MotionPlan("sweep", sweep), PROFILE)
+    return planned_motion(MotionPlan("sweep", sweep), PROFILE)
+
+
+def test_what_remembers_is_the_same_on_few_samples_as_on_all():
+    motion = swept()
     frame = make_frame(motion, PROFILE, Noise.white(0.05), n_rows=2000)
     assert len(frame.course) < 0.3 * len(motion)
     for name, shape in (
@@ -119,14 +115,13 @@ def test_what_remembers_is_the_same_on_few_samples_as_on_all():
 
 
 def test_in_a_flat_spectrum_shares_are_those_of_white_noise():
-    sweep = (Segment("ramp", 8.0, 150.0), Segment("ramp", 8.0, -150.0), Segment("ramp", 4.0, 0.0))
-    motion = planned_motion(MotionPlan("sweep", sweep), PROFILE)
-    effects = effects_named(("coulomb-friction", "viscous-friction", "zero-drift", "zero-step"))
+    motion = swept()
+    names = ("coulomb-friction", "viscous-friction", "zero-drift", "zero-step")
     # flat but for a corner where none of them has power: all samples are transformed
     steep = Noise(np.array([0.0, 490.0, 500.0]), np.array([1e-4, 1e-4, 2.5e-4]))
     assert not steep.is_white
-    found = compare(motion, effects, PROFILE, noise=steep)
-    white = compare(motion, effects, PROFILE, noise=Noise.white(0.01), n_rows=len(motion))
+    found = compared(motion, *names, noise=steep)
+    white = compared(motion, *names, noise=Noise.white(0.01), n_rows=len(motion))
     # the transform fades a hundredth of the record out at either end
     assert np.nanmax(np.abs(found.sin2 - white.sin2)) < 0.05
     for one, other in zip(found.visibility, white.visibility, strict=True):
@@ -135,42 +130,36 @@ def test_in_a_flat_spectrum_shares_are_those_of_white_noise():
 
 def test_gravity_and_misalignment_are_alike_on_every_motion():
     motion = planned_motion(full_protocol(PROFILE, loads=False), PROFILE)
-    found = compare(motion, effects_named(("misalignment", "load-gravity")), PROFILE)
+    found = compared(motion, "misalignment", "load-gravity")
     assert found.inseparable() == (("misalignment", "load-gravity"),)
 
 
 def test_what_a_motion_cannot_show_is_told_with_its_reason():
-    found = compare(
-        motion_at((156.0,), 5.0), effects_named(("gain-ripple", "coulomb-friction", "spikes")),
-        PROFILE,
-    )  # fmt: skip
+    found = compared(motion_at((156.0,), 5.0), "gain-ripple", "coulomb-friction", "spikes")
     reasons = {entry.name: entry.reason for entry in found.visibility}
     assert "load" in reasons["gain-ripple"]
-    assert (
-        "one direction" in reasons["coulomb-friction"] or "baseline" in reasons["coulomb-friction"]
-    )
-    assert "looks of its own" in reasons["spikes"] or "looks of their own" in reasons["spikes"]
+    assert re.search("one direction|baseline", reasons["coulomb-friction"])
+    assert re.search("looks of (its|their) own", reasons["spikes"])
     assert found.share("gain-ripple", "coulomb-friction") is None
 
 
-def test_a_planned_motion_is_that_of_the_emulated_servo():
-    block = next(b for b in blocks(PROFILE) if b.name == "staircase")
-    trace = planned_trace(MotionPlan("staircase", block.steps), PROFILE)
-    volts = trace["reference_v"]
-    run = servo_loop(PROFILE.servo).run(command_rad_s(PROFILE, volts), PERIOD_S, 1, (0.0, 0.0, 0.0))
-    # both solve the same servo in closed form; the acceleration limit is never reached here
-    np.testing.assert_allclose(trace["motor_velocity_rad_s"], run.velocity_rad_s[:, 0], atol=1e-9)
-    np.testing.assert_allclose(trace["motor_angle_rad"], run.angle_rad[:, 0], atol=1e-7)
-
-
-def test_a_jump_beyond_the_servo_runs_along_its_acceleration_limit():
-    plan = MotionPlan("fast", (Segment("ramp", 0.01, 300.0), Segment("hold", 1.0, 300.0)))
-    trace = planned_trace(plan, PROFILE)
+@pytest.mark.parametrize(
+    ("steps", "speed_rad_s", "angle_rad"),
+    [
+        # both solve the same servo in closed form; the acceleration limit is never reached here
+        (next(b for b in blocks(PROFILE) if b.name == "staircase").steps, 1e-9, 1e-7),
+        # the sample in which the limit is left is solved to within its own length
+        ((Segment("ramp", 0.01, 300.0), Segment("hold", 1.0, 300.0)), 0.1, 0.02),
+    ],
+    ids=["staircase", "a jump beyond the acceleration limit"],
+)
+def test_a_planned_motion_is_that_of_the_emulated_servo(steps, speed_rad_s, angle_rad):
+    trace = planned_trace(MotionPlan("planned", steps), PROFILE)
     command = command_rad_s(PROFILE, trace["reference_v"])
     run = servo_loop(PROFILE.servo).run(command, PERIOD_S, 1, (0.0, 0.0, 0.0))
-    # the sample in which the limit is left is solved to within its own length
-    np.testing.assert_allclose(trace["motor_velocity_rad_s"], run.velocity_rad_s[:, 0], atol=0.1)
-    np.testing.assert_allclose(trace["motor_angle_rad"], run.angle_rad[:, 0], atol=0.02)
+    found = trace["motor_velocity_rad_s"], trace["motor_angle_rad"]
+    np.testing.assert_allclose(found[0], run.velocity_rad_s[:, 0], atol=speed_rad_s)
+    np.testing.assert_allclose(found[1], run.angle_rad[:, 0], atol=angle_rad)
 
 
 def test_loads_stand_in_the_planned_record_and_locked_ones_do_not_move():
