@@ -29,6 +29,11 @@ def _seed(base, *words):
     return int(np.random.default_rng([base, *text]).integers(2**40))
 
 
+def _case(base, key, record, hidden=(), **more):
+    """A case whose part is the first letter of its key, with a seed of its own."""
+    return Case(key, key[0], record, seed=_seed(base, key), hidden=hidden, **more)
+
+
 def _record(name, rng):
     """A record that excites `name`: the shorter the more often, for time's sake."""
     allowed = _RECORDS[name]
@@ -69,9 +74,8 @@ def _names():
 def _one(base, stream, part, k, name, tier, **fixed):
     """One effect on a record that shows it."""
     rng = _draws(base, stream, k, name, tier)
-    record, key = _record(name, rng), f"{part}-{name}-{tier}-{k}"
-    bench = {**_bench(rng), **fixed}
-    return Case(key, part, record, seed=_seed(base, key), hidden=(Hidden(name, tier),), **bench)
+    record, bench = _record(name, rng), {**_bench(rng), **fixed}
+    return _case(base, f"{part}-{name}-{tier}-{k}", record, (Hidden(name, tier),), **bench)
 
 
 def _single(base, scale):
@@ -83,9 +87,8 @@ def _single(base, scale):
             "wave-generator-eccentricity", "bearing-defect", "mains-hum", "angular-misalignment",
             "zero-step", "zero-drift")  # fmt: skip
     for name, k in product(flat, range(round(3 * scale))):
-        bench, key = _bench(_draws(base, 3, k, name)), f"B-{name}-d10-c{k}"
-        hidden = (Hidden(name, "d10"),)
-        yield Case(key, "B", "constant", seed=_seed(base, key), hidden=hidden, **bench)
+        bench, hidden = _bench(_draws(base, 3, k, name)), (Hidden(name, "d10"),)
+        yield _case(base, f"B-{name}-d10-c{k}", "constant", hidden, **bench)
 
 
 def _physical(base, scale):
@@ -118,9 +121,8 @@ def _doubles(base, scale):
             rng = _draws(base, 5, k, tier)
             pair = _pair(rng, k % 5 == 0)
             record = str(rng.choice(["compact", "short", "protocol"], p=[0.74, 0.2, 0.06]))
-            key = f"C-{tier}-{k:03d}"
             hidden = tuple(Hidden(name, tier) for name in pair)
-            yield Case(key, "C", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+            yield _case(base, f"C-{tier}-{k:03d}", record, hidden, **_bench(rng))
 
 
 def _outside(base, scale):
@@ -137,15 +139,15 @@ def _duels(base, scale):
             ):  # fmt: skip
                 alike = duel.get("alike", {}).get(name) if word == "poor" else None
                 hidden = (Hidden(name, tier, (tuple(alike),) if alike else ()),)
-                key, note = f"E-{pair}-{name}-{word}-{k}", "|".join((*duel["names"], word))
-                yield Case(key, "E", record, seed=_seed(base, key), hidden=hidden, note=note)
+                note = "|".join((*duel["names"], word))
+                yield _case(base, f"E-{pair}-{name}-{word}-{k}", record, hidden, note=note)
 
 
 def _bad(base, scale):
     for k, fault in product(range(round(10 * scale)), FAULTS):
         kinds = ["compact"] if fault == "noisy-load-cell" else ["compact", "mixed"]
-        record, key = str(_draws(base, 7, k, fault).choice(kinds)), f"F-{fault}-{k}"
-        yield Case(key, "F", record, seed=_seed(base, key), fault=fault)
+        record = str(_draws(base, 7, k, fault).choice(kinds))
+        yield _case(base, f"F-{fault}-{k}", record, fault=fault)
 
 
 def _many(base, scale):
@@ -157,9 +159,8 @@ def _many(base, scale):
         hidden = tuple(Hidden(str(rng.choice(GROUPS[group])), "physical") for group in groups)
         kinds = ["compact", "short", "mixed", "protocol"]
         record = str(rng.choice(kinds, p=[0.7, 0.2, 0.07, 0.03]))
-        key = f"T-{k:03d}"
         bench = {**_bench(rng), "bits": 16}
-        yield Case(key, "T", record, seed=_seed(base, key), hidden=hidden, note=str(count), **bench)
+        yield _case(base, f"T-{k:03d}", record, hidden, note=str(count), **bench)
 
 
 def _wild(base, scale):
@@ -184,9 +185,8 @@ def _unseen(base, scale):
     for k in range(round(200 * scale)):
         rng = _draws(base, 24, k)
         record = str(rng.choice(["compact", "short", "mixed"], p=[0.8, 0.1, 0.1]))
-        key = f"U-{k:03d}"
         hidden = (Hidden("unseen", ("d10", "d20")[k % 2]),)
-        yield Case(key, "U", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+        yield _case(base, f"U-{k:03d}", record, hidden, **_bench(rng))
 
 
 PARTS = {

@@ -1,6 +1,7 @@
 """A calibration of its own: weights on an arm, sparse standing readings, static effects."""
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -57,24 +58,17 @@ class Loading:
 
 def draw_loading(rng):
     """Four positions, both directions, both ranges; a reading every 20 to 40 s."""
-    rows = []
-    now, number = 0.0, 0
+    rows, now = [], 0.0
     places = np.arange(4) * np.pi / 2.0 + rng.uniform(-0.05, 0.05, 4)
     pause = rng.uniform(20.0, 40.0)
-    for full in (1, 0):
-        for place in places:
-            for cw in (1, 0):
-                masses = _MASSES["full" if full else "low"]
-                for k, mass in enumerate((*masses, *masses[-2::-1])):
-                    now += pause * rng.uniform(0.8, 1.2)
-                    rows.append((number, place, full, cw, k < len(masses), mass, now))
-                now += rng.uniform(120.0, 300.0)
-                number += 1
-    columns = np.array(rows).T
-    return Loading(
-        columns[0].astype(int), columns[1], columns[2] > 0.5, columns[3] > 0.5,
-        columns[4] > 0.5, columns[5], columns[6],
-    )  # fmt: skip
+    kinds = product((True, False), places, (True, False))
+    for number, (full, place, cw) in enumerate(kinds):
+        masses = _MASSES["full" if full else "low"]
+        for k, mass in enumerate((*masses, *masses[-2::-1])):
+            now += pause * rng.uniform(0.8, 1.2)
+            rows.append((number, place, full, cw, k < len(masses), mass, now))
+        now += rng.uniform(120.0, 300.0)
+    return Loading(*map(np.array, zip(*rows, strict=True)))
 
 
 def _loop(loading, shape):
@@ -150,20 +144,12 @@ _SAMPLES = 100
 
 def load_cases(base, per_cell=6, clean=300):
     """Return the cases of the calibration part, mixed so that any beginning is a fair sample."""
-    cases = list(_cases(base, per_cell, clean))
-    order = np.argsort([case.seed for case in cases])
-    return [cases[k] for k in order]
-
-
-def _cases(base, per_cell, clean):
-    for k in range(per_cell):
-        for tier in ("d3", "d5", "d7", "d10", "d20", "low", "mid", "high"):
-            for name in LOAD_FAMILIES:
-                if tier in TIERS and k >= 3:
-                    continue
-                yield _case(base, f"L-{name}-{tier}-{k}", (Hidden(name, tier),))
-    for k in range(clean):
-        yield _case(base, f"L-clean-{k:03d}", ())
+    tiers = ("d3", "d5", "d7", "d10", "d20", *TIERS)
+    cases = [_case(base, f"L-clean-{k:03d}", ()) for k in range(clean)]
+    for k, tier, name in product(range(per_cell), tiers, LOAD_FAMILIES):
+        if tier not in TIERS or k < 3:
+            cases.append(_case(base, f"L-{name}-{tier}-{k}", (Hidden(name, tier),)))
+    return sorted(cases, key=lambda case: case.seed)
 
 
 def _case(base, key, hidden):
@@ -173,24 +159,22 @@ def _case(base, key, hidden):
 
 
 def _readings(case, loading, volts):
-    out = []
-    for k in range(len(volts)):
-        out.append(
-            {
-                "experiment": f"e{loading.experiment[k]:02d}",
-                "position_rad": float(loading.position[k]),
-                "range": "full" if loading.full[k] else "low",
-                "direction": "cw" if loading.cw[k] else "ccw",
-                "series": "up" if loading.up[k] else "down",
-                "torque_nm": float(loading.torque[k]),
-                "reading_v": float(volts[k]),
-                "mass_kg": float(loading.mass[k]),
-                "reading_std_v": case.sigma_nm * _SAMPLES**0.5 / _NM_PER_VOLT,
-                "n_samples": _SAMPLES,
-                "time_s": float(loading.time[k]),
-            }
-        )
-    return out
+    return [
+        {
+            "experiment": f"e{loading.experiment[k]:02d}",
+            "position_rad": float(loading.position[k]),
+            "range": "full" if loading.full[k] else "low",
+            "direction": "cw" if loading.cw[k] else "ccw",
+            "series": "up" if loading.up[k] else "down",
+            "torque_nm": float(loading.torque[k]),
+            "reading_v": float(volts[k]),
+            "mass_kg": float(loading.mass[k]),
+            "reading_std_v": case.sigma_nm * _SAMPLES**0.5 / _NM_PER_VOLT,
+            "n_samples": _SAMPLES,
+            "time_s": float(loading.time[k]),
+        }
+        for k in range(len(volts))
+    ]
 
 
 def build_loads(case):
