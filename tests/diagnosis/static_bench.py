@@ -4,6 +4,8 @@ Nothing of the product is used but the record of a reading, so that what hides a
 nothing with what finds it.
 """
 
+from itertools import product
+
 import numpy as np
 from injector.build import reach
 from injector.family import effect
@@ -21,19 +23,15 @@ def plan(rng, *, positions=4, directions=2, ranges=1, levels=5, interval_s=40.0)
     """Return a plan with masses, offset angle and pace drawn anew."""
     top = rng.uniform(6.0, 9.0)
     start = rng.uniform(0.0, 2.0 * np.pi)
-    rows = []
-    clock = 0.0
-    number = 0
-    for place in range(positions):
-        for cw in (True, False)[:directions]:
-            for share in (1.0, 0.25)[:ranges]:
-                masses = np.linspace(0.0, top * share, levels)
-                for k, mass in enumerate([*masses, *masses[-2::-1]]):
-                    angle = (start + 2.0 * np.pi * place / positions) % (2.0 * np.pi)
-                    rows.append((number, angle, share == 1.0, cw, k < levels, mass, clock))
-                    clock += interval_s * rng.uniform(0.9, 1.1)
-                number += 1
-                clock += 3.0 * interval_s
+    rows, clock = [], 0.0
+    kinds = product(range(positions), (True, False)[:directions], (1.0, 0.25)[:ranges])
+    for number, (place, cw, share) in enumerate(kinds):
+        angle = (start + 2.0 * np.pi * place / positions) % (2.0 * np.pi)
+        masses = np.linspace(0.0, top * share, levels)
+        for k, mass in enumerate([*masses, *masses[-2::-1]]):
+            rows.append((number, angle, share == 1.0, cw, k < levels, mass, clock))
+            clock += interval_s * rng.uniform(0.9, 1.1)
+        clock += 3.0 * interval_s
     return Loading(*(np.array(column) for column in zip(*rows, strict=True)))
 
 

@@ -11,14 +11,9 @@ from hdbench.diagnosis.discovery.lines import plan_scans, scan_looks, scan_power
 from hdbench.model import catalogue
 
 NAMES = (
-    "asymmetric-friction",
-    "coulomb-friction",
-    "kinematic-error",
-    "stribeck-friction",
-    "torsional-resonance",
-    "viscous-friction",
-    "warm-up",
-)
+    "asymmetric-friction", "coulomb-friction", "kinematic-error", "stribeck-friction",
+    "torsional-resonance", "viscous-friction", "warm-up",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module", name="start")
@@ -29,9 +24,11 @@ def baseline():
 
 @pytest.fixture(scope="module", name="calibrated")
 def dictionary(start):
-    record, fit = start
-    known = catalogue()
-    members = make_dictionary(record, [known[name] for name in NAMES], fit)
+    return members_of(NAMES, *start)
+
+
+def members_of(names, record, fit):
+    members = make_dictionary(record, [catalogue()[name] for name in names], fit)
     members.calibrate(fit, np.random.default_rng(1))
     return members
 
@@ -113,12 +110,8 @@ def test_lines_of_white_noise_raise_no_more_alarms_than_they_say(start):
     # a probability each for orders and frequencies, or for known and free places of an order;
     # four standard deviations
     for other in ("ripple-harmonic", "bearing-defect"):
-        smallest = np.array(
-            [
-                min((look.false_alarm for look in some if look.term.name != other), default=1.0)
-                for some in looks
-            ]
-        )
+        chances = ([x.false_alarm for x in some if x.term.name != other] for some in looks)
+        smallest = np.array([min(some, default=1.0) for some in chances])
         for level in (0.02, 0.05):
             assert np.mean(smallest < level) < 2.0 * level + 4.0 * np.sqrt(2.0 * level / n)
         assert np.mean(smallest < 0.1) > 0.05
@@ -174,10 +167,7 @@ def test_steps_all_along_are_no_zero_that_jumped(start):
 
 
 def test_a_member_that_the_baseline_explains_asks_no_trials(start):
-    record, fit = start
-    # both are one wave per output turn, which the baseline holds
-    names = ("viscous-friction", "load-gravity", "misalignment")
-    members = make_dictionary(record, [catalogue()[name] for name in names], fit)
-    members.calibrate(fit, np.random.default_rng(1))
+    # two are one wave per output turn, which the baseline holds
+    members = members_of(("viscous-friction", "load-gravity", "misalignment"), *start)
     assert set(members.family_trials) == {"viscous-friction"}
     assert members.all_trials < 2.0

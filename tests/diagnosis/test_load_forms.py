@@ -1,5 +1,7 @@
 """Limits and loops on calibration loads as an outsider writes them: one cause each, one name."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from load_readings import simulate_loads
@@ -26,28 +28,19 @@ def loads(signal=plain, *, limit=np.inf, positions=4, interval_s=60.0, seed=1):
     """Readings of loads up and down; `signal(torque, falling)` is what the channel is given."""
     rng = np.random.default_rng([97, seed])
     readings = []
-    clock = 0.0
-    for place in range(positions):
-        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
-            zero = 0.02 * rng.standard_normal()
-            for series, torques in (("up", TORQUE), ("down", TORQUE[::-1])):
-                given = signal(sign * torques, series == "down") + zero
-                noise = NOISE_NM * rng.standard_normal(len(torques))
-                volts = (np.clip(given, -limit, limit) + noise) / GAIN
-                for torque, reading in zip(sign * torques, volts, strict=True):
-                    clock += interval_s
-                    readings.append(
-                        LoadReading(
-                            experiment=f"{place}{way}",
-                            position_rad=2.0 * np.pi * place / positions + 0.2,
-                            range="full",
-                            direction=way,
-                            series=series,
-                            torque_nm=float(torque),
-                            reading_v=float(reading),
-                            time_s=clock,
-                        )
-                    )
+    for place, way in product(range(positions), ("cw", "ccw")):
+        zero = 0.02 * rng.standard_normal()
+        for series, torques in (("up", TORQUE), ("down", TORQUE[::-1])):
+            torques = torques if way == "cw" else -torques
+            given = signal(torques, series == "down") + zero
+            noise = NOISE_NM * rng.standard_normal(len(torques))
+            volts = (np.clip(given, -limit, limit) + noise) / GAIN
+            for torque, reading in zip(torques.tolist(), volts.tolist(), strict=True):
+                reading = LoadReading(
+                    f"{place}{way}", 2.0 * np.pi * place / positions + 0.2, "full", way, series,
+                    torque, reading, time_s=interval_s * (len(readings) + 1),
+                )  # fmt: skip
+                readings.append(reading)
     return Loads(tuple(readings), source="readings of the test")
 
 

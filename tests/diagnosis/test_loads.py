@@ -27,27 +27,33 @@ NOISE_NM = 0.01
 GROUPS = {"side-force": {"direction-asymmetry", "side-force"}}
 
 
-def hidden(name, sigmas, seed, **shape):
+def hidden(name, sigmas, seed):
     rng = np.random.default_rng([41, seed, *name.encode()])
-    p = bench.plan(rng, **{"positions": 4, "directions": 2, "ranges": 1, "levels": 6, **shape})
+    p = bench.plan(rng, levels=6)
     return p, bench.readings(p, bench.sized(name, p, sigmas, NOISE_NM, rng), NOISE_NM, rng)
 
 
+def loaded(seed, effect=None, *, timed=True, clamping=0.0, **shape):
+    """Return the plan and the readings of an effect, a function of the plan."""
+    rng = np.random.default_rng(seed)
+    p = bench.plan(rng, **shape)
+    torque = np.zeros(len(p.torque)) if effect is None else effect(p)
+    return p, bench.readings(p, torque, NOISE_NM, rng, timed=timed, clamping=clamping)
+
+
+def marked(shown, *campaign):
+    """Parametrize: what is shown in every run, and what a campaign adds."""
+    return [*shown, *(pytest.param(one, marks=pytest.mark.campaign) for one in campaign)]
+
+
+NAMES = (
+    "hysteresis", "cubic-nonlinearity", "creep", "position-dependent-gain",
+    "direction-asymmetry", "warm-up", "backlash",
+)  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "name",
-    [
-        "hysteresis",
-        "cubic-nonlinearity",
-        "creep",
-        "position-dependent-gain",
-        "direction-asymmetry",
-        "warm-up",
-        "backlash",
-        *(
-            pytest.param(name, marks=pytest.mark.campaign)
-            for name in ("saturation", "arm-sag", "side-force", "zero-drift", "zero-step")
-        ),
-    ],
+    "name", marked(NAMES, "saturation", "arm-sag", "side-force", "zero-drift", "zero-step")
 )
 def test_a_hidden_effect_is_named_alone(name):
     _, loads = hidden(name, 30.0, 1)
@@ -63,9 +69,7 @@ def test_a_hidden_effect_is_named_alone(name):
 def test_clean_readings_show_nothing():
     found = 0
     for seed in range(8):
-        rng = np.random.default_rng([42, seed])
-        p = bench.plan(rng, positions=4, directions=2, levels=5)
-        loads = bench.readings(p, np.zeros(len(p.torque)), NOISE_NM, rng, timed=seed % 2 == 0)
+        _, loads = loaded([42, seed], timed=seed % 2 == 0)
         result = diagnose_loads(loads, PROFILE, materiality=0.0)
         found += result.verdict != "nothing-found"
         smallest = {one.name: one.amplitude_nm for one in result.minimum_detectable}
@@ -74,13 +78,9 @@ def test_clean_readings_show_nothing():
     assert found <= 1
 
 
-@pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in (1, 2))]
-)
+@pytest.mark.parametrize("seed", marked([0], 1, 2))
 def test_gains_that_scatter_from_clamping_to_clamping_are_no_cause(seed):
-    rng = np.random.default_rng([43, seed])
-    p = bench.plan(rng, positions=4, directions=2, ranges=2, levels=5)
-    loads = bench.readings(p, np.zeros(len(p.torque)), NOISE_NM, rng, clamping=0.01)
+    _, loads = loaded([43, seed], ranges=2, clamping=0.01)
     result = diagnose_loads(loads, PROFILE)
     assert result.causes == result.unexplained == ()
     scatter = result.settings["gain_scatter"]
@@ -91,29 +91,23 @@ def test_gains_that_scatter_from_clamping_to_clamping_are_no_cause(seed):
 
 
 def test_more_scatter_than_the_profile_states_is_unexplained():
-    rng = np.random.default_rng(44)
-    p = bench.plan(rng, positions=4, directions=2, ranges=2, levels=5)
-    loads = bench.readings(p, np.zeros(len(p.torque)), NOISE_NM, rng, clamping=0.1)
+    _, loads = loaded(44, ranges=2, clamping=0.1)
     result = diagnose_loads(loads, PROFILE)
     assert result.verdict == "unexplained"
-    (place,) = result.unexplained
-    assert place.domain == "torque"
-    assert place.unit == "N m"
+    assert [(place.domain, place.unit) for place in result.unexplained] == [("torque", "N m")]
 
 
 def test_a_direction_stands_above_scattering_gains():
-    rng = np.random.default_rng(45)
-    p = bench.plan(rng, positions=8, directions=2, levels=5)
-    effect = 0.02 * np.where(p.cw, p.torque, 0.0)
-    result = diagnose_loads(bench.readings(p, effect, NOISE_NM, rng, clamping=0.002), PROFILE)
-    (cause,) = result.causes
-    assert set(cause.group) == {"direction-asymmetry", "side-force"}
-    table = {**cause.parameters}
-    value, std = (
-        (table["asymmetry"].value, table["asymmetry"].std)
-        if "asymmetry" in table
-        else (table["side_nm"].value / 10.0, table["side_nm"].std / 10.0)
+    _, loads = loaded(
+        45, lambda p: 0.02 * np.where(p.cw, p.torque, 0.0), positions=8, clamping=0.002
     )
+    (cause,) = diagnose_loads(loads, PROFILE).causes
+    assert set(cause.group) == {"direction-asymmetry", "side-force"}
+    # one of the group; a side force is told in N m at 10 N m
+    times = {"asymmetry": 1.0, "side_nm": 0.1}
+    (name,) = times.keys() & cause.parameters.keys()
+    size = cause.parameters[name]
+    value, std = times[name] * size.value, times[name] * size.std
     # half of 2 % is even in the torque; 0.2 % of scatter over 16 gains leaves 0.05 %
     assert abs(value - 0.01) < 4.0 * std
     assert 2e-4 < std < 1e-3
@@ -123,9 +117,7 @@ def test_a_direction_stands_above_scattering_gains():
 def test_the_parameters_of_a_cubic_have_true_intervals():
     deviations = []
     for seed in range(6):
-        rng = np.random.default_rng([46, seed])
-        p = bench.plan(rng, positions=2, directions=2, levels=6)
-        loads = bench.readings(p, 2e-6 * p.torque**3, NOISE_NM, rng)
+        _, loads = loaded([46, seed], lambda p: 2e-6 * p.torque**3, positions=2, levels=6)
         (cause,) = diagnose_loads(loads, PROFILE).causes
         if cause.name == "cubic-nonlinearity":
             entry = cause.parameters["cubic_nm"]
@@ -136,16 +128,18 @@ def test_the_parameters_of_a_cubic_have_true_intervals():
 
 
 def test_one_wrong_weight_is_told_with_the_mass_that_fits():
-    rng = np.random.default_rng(47)
-    p = bench.plan(rng, positions=3, directions=2, levels=5)
-    effect = np.zeros(len(p.torque))
-    effect[13] = 0.4 * bench.GRAVITY * bench.ARM_M * np.sign(p.torque[13])
-    result = diagnose_loads(bench.readings(p, effect, NOISE_NM, rng), PROFILE)
+    pull = bench.GRAVITY * bench.ARM_M
+
+    def added(p):
+        return np.where(np.arange(len(p.torque)) == 13, 0.4 * pull * np.sign(p.torque), 0.0)
+
+    p, loads = loaded(47, added, positions=3)
+    result = diagnose_loads(loads, PROFILE)
     assert result.causes == ()
     (place,) = result.unexplained
     assert (place.domain, place.location, place.unit) == ("outliers", 14.0, "reading")
     (entry,) = result.settings["outliers"]
-    mass = abs(p.torque[13]) / (bench.GRAVITY * bench.ARM_M) + 0.4
+    mass = abs(p.torque[13]) / pull + 0.4
     # 10 mN m of noise are 2 g on an arm of half a metre
     assert entry["fitting_mass_kg"] == pytest.approx(mass, abs=0.02)
     assert [flag.name for flag in result.data_flags] == ["outlier"]
@@ -162,16 +156,7 @@ def test_readings_at_the_end_of_the_converter_are_left_out():
     assert not result.load_pictures["used"][[3, 4]].any()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "hysteresis",
-        *(
-            pytest.param(name, marks=pytest.mark.campaign)
-            for name in ("saturation", "position-dependent-gain")
-        ),
-    ],
-)
+@pytest.mark.parametrize("name", marked(["hysteresis"], "saturation", "position-dependent-gain"))
 def test_readings_of_the_extended_model_show_nothing_more(name):
     _, loads = hidden(name, 40.0, 3)
     model = diagnose_loads(loads, PROFILE).model
@@ -238,13 +223,7 @@ def test_rates_out_of_their_domain_are_refused(bad):
 
 
 @needs_data
-@pytest.mark.parametrize(
-    "instrument",
-    [
-        "torque_arm",
-        *(pytest.param(f"drag_{side}", marks=pytest.mark.campaign) for side in ("right", "left")),
-    ],
-)
+@pytest.mark.parametrize("instrument", marked(["torque_arm"], "drag_right", "drag_left"))
 def test_hysteresis_of_real_load_cells_is_named(instrument, tmp_path):
     folder = Path(DATA) / "unh_torque_arm_cal"
     column = "mean_torque" if instrument == "torque_arm" else "mean_force_newtons"
@@ -265,11 +244,9 @@ def test_hysteresis_of_real_load_cells_is_named(instrument, tmp_path):
 
 def test_a_cause_file_reaches_calibration_loads(tmp_path):
     # even in the load and of fourth power: nothing of the catalogue grows so
-    rng = np.random.default_rng(43)
-    p = bench.plan(rng, positions=4, directions=2, ranges=1, levels=6)
-    effect = 0.3 * (p.torque / np.abs(p.torque).max()) ** 4
+    _, loads = loaded(43, lambda p: 0.3 * (p.torque / np.abs(p.torque).max()) ** 4, levels=6)
     file = tmp_path / "loads.csv"
-    write_loads(file, bench.readings(p, effect, NOISE_NM, rng))
+    write_loads(file, loads)
     own = tmp_path / "own.toml"
     own.write_text(
         '[[cause]]\nname = "swelling"\nkind = "polynomial"\nover = "load"\npowers = [4]\n'

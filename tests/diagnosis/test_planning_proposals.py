@@ -16,68 +16,44 @@ from hdbench.results.diagnosis import Gain, NamedCause, ParameterValue
 PROFILE = load_profile("cim-tr-97-06").data
 
 
-def separating_plan(names: tuple[str, ...], *, loads: bool = True) -> MotionPlan | None:
-    """Return the run that tells names apart; None where none of this bench does."""
-    pairs = tuple((a, b) for a in names for b in names if a != b)
-    found = propose(effects_named(names), pairs, PROFILE, loads=loads)
-    return found.plan if any(pair.separated for pair in found.pairs) else None
-
-
 def moved(*steps: Segment | LoadStep) -> Motion:
     return planned_motion(MotionPlan("at hand", steps), PROFILE)
 
 
-def one_speed() -> Motion:
-    return moved(Segment("ramp", 0.5, 156.0), Segment("hold", 29.0, 156.0), Segment("ramp", 0.5))
-
-
-def one_reversal() -> Motion:
-    return moved(
-        Segment("ramp", 0.5, 156.0),
+START, STOP = Segment("ramp", 0.5, 156.0), Segment("ramp", 0.5)
+RUNS = {
+    "one speed": (START, Segment("hold", 29.0, 156.0), STOP),
+    "one reversal": (
+        START,
         Segment("hold", 9.0, 156.0),
         Segment("ramp", 1.0, -156.0),
         Segment("hold", 9.0, -156.0),
-        Segment("ramp", 0.5),
-    )
-
-
-def one_ramp() -> Motion:
-    return moved(Segment("ramp", 30.0, 156.0), Segment("ramp", 0.5))
-
-
-def one_load() -> Motion:
-    return moved(
-        LoadStep("hang 10 N m", 10.0),
-        Segment("ramp", 0.5, 156.0),
-        Segment("hold", 15.0, 156.0),
-        Segment("ramp", 0.5),
-    )
-
-
-def one_locked_load() -> Motion:
-    return moved(
-        *(
-            step
-            for torque in (5.0, 20.0, -5.0, -20.0)
-            for step in (LoadStep("load", torque, locked=True), Segment("rest", 2.0))
-        )
-    )
+        STOP,
+    ),
+    "one ramp": (Segment("ramp", 30.0, 156.0), STOP),
+    "one load": (LoadStep("hang 10 N m", 10.0), START, Segment("hold", 15.0, 156.0), STOP),
+    "locked loads": tuple(
+        step
+        for torque in (5.0, 20.0, -5.0, -20.0)
+        for step in (LoadStep("load", torque, locked=True), Segment("rest", 2.0))
+    ),
+}
 
 
 # names, run on which they look alike, most of sin^2 there, least of it on the proposed run
 LOOK_ALIKES = [
-    ("viscous-friction", "zero-drift", one_ramp, 0.15, 0.5),
+    ("viscous-friction", "zero-drift", "one ramp", 0.15, 0.5),
     # an exponential of 60 s is nearly a line over 30 s; the budget allows three time constants
-    ("warm-up", "zero-drift", one_speed, 0.02, 0.05),
-    ("position-dependent-gain", "gain-error", one_locked_load, 0.01, 0.5),
+    ("warm-up", "zero-drift", "one speed", 0.02, 0.05),
+    ("position-dependent-gain", "gain-error", "locked loads", 0.01, 0.5),
 ]
 MORE_LOOK_ALIKES = [
-    ("wave-generator-eccentricity", "motor-unbalance", one_speed, 0.05, 0.4),
-    ("coulomb-friction", "presliding", one_reversal, 0.01, 0.25),
-    ("ripple-harmonic", "structural-tone", one_speed, 0.1, 0.5),
-    ("coulomb-friction", "zero-step", one_reversal, 0.01, 0.5),
-    ("load-dependent-ripple", "ripple-harmonic", one_load, 0.1, 0.5),
-    ("inertia-error", "gain-error", one_speed, 0.01, 0.5),
+    ("wave-generator-eccentricity", "motor-unbalance", "one speed", 0.05, 0.4),
+    ("coulomb-friction", "presliding", "one reversal", 0.01, 0.25),
+    ("ripple-harmonic", "structural-tone", "one speed", 0.1, 0.5),
+    ("coulomb-friction", "zero-step", "one reversal", 0.01, 0.5),
+    ("load-dependent-ripple", "ripple-harmonic", "one load", 0.1, 0.5),
+    ("inertia-error", "gain-error", "one speed", 0.01, 0.5),
 ]
 
 
@@ -87,16 +63,15 @@ MORE_LOOK_ALIKES = [
         *LOOK_ALIKES,
         *(pytest.param(*case, marks=pytest.mark.campaign) for case in MORE_LOOK_ALIKES),
     ],
-    ids=lambda x: getattr(x, "__name__", str(x)),
-)  # fmt: skip
+)
 def test_the_proposed_run_separates_what_the_run_at_hand_cannot(
     first, second, at_hand, most, least
 ):
-    found = propose(effects_named((first, second)), ((first, second),), PROFILE, at_hand=at_hand())
+    motion = moved(*RUNS[at_hand])
+    found = propose(effects_named((first, second)), ((first, second),), PROFILE, at_hand=motion)
     (pair,) = found.pairs
     # None: the baseline holds the effect there, or the run does not show it at all
     assert pair.before is None or pair.before < most
-    assert pair.after is not None
     assert pair.after > least
     assert found.plan is not None
     assert check_motion_plan(found.plan, PROFILE) == []
@@ -104,20 +79,19 @@ def test_the_proposed_run_separates_what_the_run_at_hand_cannot(
 
 def test_a_resonance_stands_out_of_the_kinematic_error_in_a_sweep_and_not_below_it():
     names = ("torsional-resonance", "kinematic-error")
-    slow = moved(Segment("sweep", 10.0, 60.0))
-    sweep = moved(Segment("sweep", 10.0, 380.0))
-    shares = [
-        compare(motion, effects_named(names), PROFILE, n_rows=3000).share(*names)
-        for motion in (slow, sweep)
-    ]
+    slow, fast = (
+        compare(moved(Segment("sweep", 10.0, top)), effects_named(names), PROFILE, n_rows=3000)
+        for top in (60.0, 380.0)
+    )
     # far below its resonance the effect is the ripple of order 2 and 4 that the baseline holds
-    assert shares[0] is None
-    assert shares[1] is not None
-    assert shares[1] > 0.5
+    assert slow.share(*names) is None
+    assert fast.share(*names) > 0.5
 
 
 def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it():
-    assert separating_plan(("misalignment", "load-gravity")) is None
+    names = ("misalignment", "load-gravity")
+    found = propose(effects_named(names), (names, names[::-1]), PROFILE)
+    assert found.plan is None or not any(pair.separated for pair in found.pairs)
     known = catalogue()
     text = settled_by(known["misalignment"], known["load-gravity"])
     assert "motor_current_a" in text
@@ -125,8 +99,10 @@ def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it():
 
 
 def test_without_an_operator_no_load_is_asked_for():
-    plan = separating_plan(("ripple-harmonic", "structural-tone"), loads=False)
-    assert not plan.needs_operator
+    names = ("ripple-harmonic", "structural-tone")
+    found = propose(effects_named(names), (names,), PROFILE, loads=False)
+    assert found.pairs[0].separated
+    assert not found.plan.needs_operator
     assert not full_protocol(PROFILE, loads=False).needs_operator
     assert full_protocol(PROFILE).needs_operator
 
@@ -152,7 +128,7 @@ def test_a_plan_for_a_diagnosis_takes_its_open_names_with_their_shapes():
         share_of_variance=0.75,
         domain="frequency",
     )
-    found = plan_for_causes([cause], PROFILE, motion=one_speed())
+    found = plan_for_causes([cause], PROFILE, motion=moved(*RUNS["one speed"]))
     assert found.plan is not None
     assert all(pair.separated for pair in found.pairs)
     assert {pair.first for pair in found.pairs} == {"structural-tone", "ripple-harmonic"}
