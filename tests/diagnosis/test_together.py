@@ -49,8 +49,8 @@ def test_three_records_tell_together_what_none_tells_alone_and_each_how_much_it_
     # 6 nats each on average, with a standard deviation of sqrt(12)
     assert all(voice.evidence_nats < 6.0 + 4.0 * np.sqrt(12.0) for voice in cause.voices)
     assert sum(voice.evidence_nats for voice in cause.voices) > cause.evidence_nats
-    assert not any(voice.disagrees for voice in cause.voices)
     for voice in cause.voices:
+        assert not voice.disagrees
         own = voice.parameters["amplitude_nm"]
         assert own.std == pytest.approx(NOISE_NM * np.sqrt(2.0 / 5000), rel=0.15)
     assert [part.rate_hz for part in together.records] == pytest.approx([1000.0, 1000.0, 800.0])
