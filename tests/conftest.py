@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from hdbench.model import Cause
-from hdbench.profile import Profile, load_profile
+from hdbench.profile import Profile, ProfileData, load_profile
 
 settings.register_profile(
     "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
@@ -73,6 +73,11 @@ def answer(hdbench: Callable[..., tuple[str, str]]) -> Callable[..., dict[str, A
 @pytest.fixture(scope="session")
 def profile() -> Profile:
     return load_profile("cim-tr-97-06")
+
+
+@pytest.fixture(scope="session")
+def bench(profile: Profile) -> ProfileData:
+    return profile.data
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from worked_example import ARM, EIGHT, FLAT, experiment, torque_arm
 
 from hdbench.calibration import consistency_interval, evaluate_calibration
 from hdbench.errors import DataError
-from hdbench.records import LoadReading, Loads
+from hdbench.records import Loads
 
 
 def loads_of(gains: list[float], *, noise_v: float = 0.0, seed: int = 0) -> Loads:
@@ -30,8 +30,7 @@ def loads_of(gains: list[float], *, noise_v: float = 0.0, seed: int = 0) -> Load
     ("series", "key"),
     [
         (("ascending", "descending"), "all"),
-        (("ascending",), "ascending"),
-        (("descending",), "descending"),
+        *(((series,), series) for series in ("ascending", "descending")),
     ],
 )
 def test_torque_arm_gives_its_published_regression(series, key):
@@ -70,11 +69,9 @@ def test_consistency_is_the_sample_coefficient_of_variation():
 
 
 def test_two_percent_from_eight_is_known_from_1_3_to_4_1_percent():
-    low, high = consistency_interval(0.02, 7)
-    s_low, s_high = (0.02 * math.sqrt(7.0 / stats.chi2.ppf(p, 7)) for p in (0.975, 0.025))
+    of_s = [0.02 * math.sqrt(7.0 / stats.chi2.ppf(p, 7)) for p in (0.975, 0.025)]
     # the interval of a coefficient of variation differs from that of s by terms of C^2 = 4e-4
-    assert low == pytest.approx(s_low, rel=2e-3)
-    assert high == pytest.approx(s_high, rel=2e-3)
+    assert consistency_interval(0.02, 7) == pytest.approx(of_s, rel=2e-3)
 
 
 def test_a_single_position_says_what_its_uncertainty_leaves_out():
@@ -134,22 +131,19 @@ def test_steps_and_class_are_those_of_the_readings():
     assert body["class"] == 5.0
 
 
+ONE = loads_of([6.6]).readings
+
+
 @pytest.mark.parametrize(
-    ("loads", "text"),
+    ("readings", "text"),
     [
-        (Loads(()), "0 readings"),
-        (Loads(loads_of([6.6]).readings[:2]), "at least 3 readings"),
-        (
-            Loads((*loads_of([6.6]).readings, LoadReading("0", 1.0, "full", "cw", "up", 5.0, 1.0))),
-            "2 values of position_rad",
-        ),
-        (
-            Loads(tuple(LoadReading("0", 0.0, "full", "cw", "up", t, 1.0) for t in range(3))),
-            "no line fits experiment 0",
-        ),
+        ((), "0 readings"),
+        (ONE[:2], "at least 3 readings"),
+        ((*ONE, replace(ONE[0], position_rad=1.0)), "2 values of position_rad"),
+        (tuple(replace(ONE[0], torque_nm=t) for t in range(3)), "no line fits experiment 0"),
     ],
 )
-def test_loads_without_a_line_are_refused(loads, text):
+def test_loads_without_a_line_are_refused(readings, text):
     with pytest.raises(DataError, match=text) as caught:
-        evaluate_calibration(loads, max_consistency=0.05)
+        evaluate_calibration(Loads(readings), max_consistency=0.05)
     assert caught.value.fix

@@ -6,21 +6,14 @@ import math
 import numpy as np
 import pytest
 from publicdata import needs_data
-from worked_example import torque_arm
+from worked_example import SERIES, TORQUES, torque_arm
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.lines import loading_loop, series_lack_of_fit
 
-# four series of a published synthetic calibration, zero-reduced, loading, V
-UP = np.array(
-    [
-        [1.207, 2.419, 3.630, 4.844, 6.060],
-        [1.213, 2.422, 3.637, 4.850, 6.065],
-        [1.197, 2.396, 3.596, 4.801, 6.004],
-        [1.220, 2.436, 3.657, 4.878, 6.103],
-    ]
-)
-STEPS = np.array([8.0, 16.0, 24.0, 32.0, 40.0])
+# series of the worked example, zero-reduced, loading, V
+UP = np.array([np.subtract(volts[1:6], volts[0]) for _, volts in SERIES.values()])
+STEPS = np.array(TORQUES[1:6])
 
 
 def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_series():
@@ -38,10 +31,9 @@ def test_curvature_hidden_by_scatter_of_gains_is_found_with_a_slope_for_each_ser
 
 
 def test_the_loop_of_the_worked_series_has_the_printed_area_and_width():
-    torque = np.array([0.0, 8.0, 16.0, 24.0, 32.0, 40.0])
-    up = np.array([0.013, 1.220, 2.432, 3.643, 4.857, 6.073])
-    down = np.array([0.016, 1.241, 2.460, 3.671, 4.876, 6.073])
-    found = loading_loop((torque, up), (torque[::-1], down[::-1]), 40.0 / 6.060, 0.2)
+    torque, volts = np.array(TORQUES), np.array(SERIES["1"][1])
+    branches = (torque[:6], volts[:6]), (torque[5:], volts[5:])
+    found = loading_loop(*branches, 40.0 / 6.060, 0.2)
     assert found.area_v_nm == pytest.approx(0.7800, abs=5e-5)
     assert 100.0 * found.area_relative == pytest.approx(0.3218, abs=5e-5)
     # 28 mV wide, 0.462 % of full scale
@@ -55,8 +47,7 @@ def test_a_lens_and_a_constant_width_are_told_apart():
     up = torque / 6.6
     width = np.where(torque > 0.0, 0.3 + 0.8 * 4.0 * share * (1.0 - share), 0.0)
     found = loading_loop((torque, up), (torque, up + width / 6.6), 6.6, 0.2)
-    assert found.constant_nm == pytest.approx(0.3, rel=1e-9)
-    assert found.lens_nm == pytest.approx(0.8, rel=1e-9)
+    assert (found.constant_nm, found.lens_nm) == pytest.approx((0.3, 0.8), rel=1e-9)
 
 
 def test_branches_without_a_common_torque_have_no_loop():

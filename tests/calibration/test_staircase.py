@@ -61,15 +61,13 @@ def test_a_load_cell_under_dead_weights_has_nine_plateaus_and_its_sensitivity(
     assert result["steps"][0]["reversibility_v"] is not None
 
 
-def staircase(
-    levels: list[float], noise: float, rng: np.random.Generator, hold: int = 80
-) -> tuple[np.ndarray, list[float]]:
+def staircase(levels, noise, seed, hold=80):
     """Return samples at 10 Hz: levels joined by ramps of fifteen samples."""
     parts = [np.full(hold, levels[0])]
     for before, after in itertools.pairwise(levels):
         parts += [np.linspace(before, after, 15), np.full(hold, after)]
     x = np.concatenate(parts)
-    return x + noise * rng.normal(size=len(x)), levels
+    return x + noise * np.random.default_rng(seed).normal(size=len(x)), levels
 
 
 @settings(max_examples=30, deadline=None)
@@ -103,8 +101,7 @@ def test_glitches_anywhere_are_left_out_of_every_average():
 
 
 def test_pairs_and_ends_of_a_record_may_be_glitches_and_steps_are_none():
-    rng = np.random.default_rng(2)
-    x, _ = staircase([0.0, 5.0, 0.0], 0.01, rng, hold=60)
+    x, _ = staircase([0.0, 5.0, 0.0], 0.01, 2, hold=60)
     assert not find_glitches(x).any()
     x[0] = x[40] = x[41] = 100.0
     assert list(np.flatnonzero(find_glitches(x))) == [0, 40, 41]
@@ -124,8 +121,7 @@ def test_a_converter_that_stood_still_is_found_and_left_out():
 
 
 def test_a_zero_that_does_not_flicker_is_kept_and_marked():
-    rng = np.random.default_rng(7)
-    x, levels = staircase([0.0, 1.0, 2.0, 1.0], 0.01, rng, hold=100)
+    x, levels = staircase([0.0, 1.0, 2.0, 1.0], 0.01, 7, hold=100)
     x[:100] = 0.0
     found = find_plateaus(np.arange(len(x)) / 10.0, x)
     np.testing.assert_allclose([p.mean for p in found.plateaus], levels, atol=0.01)
@@ -133,8 +129,7 @@ def test_a_zero_that_does_not_flicker_is_kept_and_marked():
 
 
 def test_missing_samples_are_no_glitches_and_no_readings():
-    rng = np.random.default_rng(4)
-    x, levels = staircase([0.0, 1.0, 0.0], 0.01, rng)
+    x, levels = staircase([0.0, 1.0, 0.0], 0.01, 4)
     x[::7] = np.nan
     found = find_plateaus(np.arange(len(x)) / 10.0, x)
     assert found.glitches_at_s == ()

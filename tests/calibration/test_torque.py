@@ -6,14 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hdbench.calibration.lever import (
-    Conditions,
-    air_density,
-    applied_torque,
-    apply_torque,
-    buoyancy_factors,
-    torque_sources,
-)
+from hdbench.calibration import lever
 from hdbench.calibration.readings import taken_readings
 from hdbench.errors import ProfileError
 from hdbench.profile import load_profile, parse_profile
@@ -46,7 +39,7 @@ STANDARDS = Standards(
     mass=MassStandard(accuracy_class="M1"), length=LengthStandard(half_width_m=1e-4)
 )
 BENCH = load_profile("cim-tr-97-06")
-WARM = Conditions(temperature_c=21.5)
+WARM = lever.Conditions(temperature_c=21.5)
 
 
 def arm_of(text: str) -> Arm:
@@ -89,27 +82,27 @@ def test_a_bench_without_gravity_and_place_is_refused(text):
 
 def test_air_density_is_that_of_the_published_formula():
     # OIML R 111-1 equation E.3-1, worked at two states of air, five decimals
-    assert air_density(1013.25, 50.0, 20.0) == pytest.approx(1.19929, abs=5e-6)
-    assert air_density(1007.0, 45.0, 21.5) == pytest.approx(1.18587, abs=5e-6)
+    assert lever.air_density(1013.25, 50.0, 20.0) == pytest.approx(1.19929, abs=5e-6)
+    assert lever.air_density(1007.0, 45.0, 21.5) == pytest.approx(1.18587, abs=5e-6)
     with pytest.raises(ValueError, match="needed"):
-        air_density(1013.0, 50.0, math.nan)
+        lever.air_density(1013.0, 50.0, math.nan)
 
 
 def test_conventional_mass_and_buoyancy_have_the_published_sizes():
-    steel, in_air = buoyancy_factors(1.18587, 7850.0, conventional=True)
-    iron, _ = buoyancy_factors(1.18587, 7100.0, conventional=True)
+    steel, in_air = lever.buoyancy_factors(1.18587, 7850.0, conventional=True)
+    iron, _ = lever.buoyancy_factors(1.18587, 7100.0, conventional=True)
     # 2.9 and 19 ppm as printed; in air of 1.2 kg/m^3 a conventional mass of any density weighs
     # like one of 8000 kg/m^3: -150 ppm
     assert 1e6 * (steel - 1.0) == pytest.approx(2.9, abs=0.05)
     assert 1e6 * (iron - 1.0) == pytest.approx(19.0, abs=0.5)
     assert 1e6 * (steel * in_air - 1.0) == pytest.approx(-148.0, abs=0.5)
     for density in (2700.0, 7100.0, 8000.0, 16600.0):
-        true, pressed = buoyancy_factors(1.2, density, conventional=True)
+        true, pressed = lever.buoyancy_factors(1.2, density, conventional=True)
         assert true * pressed == pytest.approx(1.0 - 1.2 / 8000.0, rel=1e-12)
 
 
 def test_eight_kilograms_on_half_a_metre_give_the_published_torque_and_corrections():
-    applied = applied_torque(8.0, ARM, STANDARDS.mass, WARM)
+    applied = lever.applied_torque(8.0, ARM, STANDARDS.mass, WARM)
     assert applied.torque_nm == pytest.approx(39.20937, abs=5e-6)
     assert 1e6 * (applied.torque_nm / (8.0 * 9.80665 * 0.5) - 1.0) == pytest.approx(-440, abs=1.0)
     assert math.degrees(applied.tilt_rad) == pytest.approx(0.387, abs=5e-4)
@@ -124,8 +117,8 @@ def test_eight_kilograms_on_half_a_metre_give_the_published_torque_and_correctio
 
 
 def test_the_budget_of_the_applied_torque_has_the_published_sizes():
-    applied = applied_torque(8.0, ARM, STANDARDS.mass, WARM)
-    ppm = {r.name: 1e6 * r.relative_std for r in torque_sources(applied, ARM, STANDARDS)}
+    applied = lever.applied_torque(8.0, ARM, STANDARDS.mass, WARM)
+    ppm = {r.name: 1e6 * r.relative_std for r in lever.torque_sources(applied, ARM, STANDARDS)}
     printed = {
         "mass of the weights": 29.0,
         "arm length": 115.0,
@@ -139,28 +132,25 @@ def test_the_budget_of_the_applied_torque_has_the_published_sizes():
         assert ppm[name] == pytest.approx(size, abs=0.55), name
     # the published 14 ppm of the tilt hold for a hanging point on the axis line
     level = ARM.model_copy(update={"hang_offset_m": 0.0})
-    flat = applied_torque(8.0, level, STANDARDS.mass, WARM)
-    tilt = next(r for r in torque_sources(flat, level, STANDARDS) if r.name == "arm tilt")
+    flat = lever.applied_torque(8.0, level, STANDARDS.mass, WARM)
+    tilt = next(r for r in lever.torque_sources(flat, level, STANDARDS) if r.name == "arm tilt")
     assert 1e6 * tilt.relative_std == pytest.approx(14.0, abs=0.55)
 
 
 @given(tilt=st.floats(-0.02, 0.02), offset=st.floats(-0.05, 0.05), mass=st.floats(0.5, 10.0))
 def test_sensitivities_are_the_derivatives_of_the_torque(tilt, offset, mass):
-    arm = Arm(
-        length_m=0.5,
-        gravity_m_s2=9.8,
-        tilt_rad=tilt,
-        tilt_half_width_rad=1e-3,
-        hang_offset_m=offset,
-        hang_offset_half_width_m=1e-3,
-    )
-    applied = applied_torque(mass, arm, MassStandard())
-    rows = {r.name: r.sensitivity for r in torque_sources(applied, arm, Standards())}
+    halves = {"tilt_half_width_rad": 1e-3, "hang_offset_half_width_m": 1e-3}
+    turned = {"tilt_rad": tilt, "hang_offset_m": offset}
+    arm = Arm(length_m=0.5, gravity_m_s2=9.8, **turned, **halves)
+    applied = lever.applied_torque(mass, arm, MassStandard())
+    rows = {r.name: r.sensitivity for r in lever.torque_sources(applied, arm, Standards())}
     step = 1e-6
 
     def slope(key: str, at: float) -> float:
         ends = [
-            applied_torque(mass, arm.model_copy(update={key: at + d}), MassStandard()).torque_nm
+            lever.applied_torque(
+                mass, arm.model_copy(update={key: at + d}), MassStandard()
+            ).torque_nm
             for d in (-step, step)
         ]
         return abs(ends[1] - ends[0]) / (2.0 * step) / applied.torque_nm
@@ -172,17 +162,19 @@ def test_sensitivities_are_the_derivatives_of_the_torque(tilt, offset, mass):
 
 def test_what_is_not_declared_is_not_corrected_and_has_no_size():
     bare = Arm(length_m=0.5, gravity_m_s2=9.8)
-    applied = applied_torque(4.0, bare, MassStandard())
+    applied = lever.applied_torque(4.0, bare, MassStandard())
     assert applied.torque_nm == 4.0 * 9.8 * 0.5
     assert not any(c.made for c in applied.corrections if c.name in ("air buoyancy", "arm tilt"))
-    rows = torque_sources(applied, bare, Standards())
+    rows = lever.torque_sources(applied, bare, Standards())
     assert all(row.relative_std == 0.0 and not row.declared for row in rows)
 
 
 def test_gravity_by_formula_is_uncertain_by_local_anomalies():
     there = Arm(length_m=0.5, latitude_deg=45.5, altitude_m=50.0)
-    applied = applied_torque(4.0, there, MassStandard())
-    row = next(r for r in torque_sources(applied, there, Standards()) if r.name == "local gravity")
+    applied = lever.applied_torque(4.0, there, MassStandard())
+    row = next(
+        r for r in lever.torque_sources(applied, there, Standards()) if r.name == "local gravity"
+    )
     # limits of 50 ppm, rectangular: 29 ppm
     assert 1e6 * row.relative_std == pytest.approx(29.0, abs=0.5)
 
@@ -190,7 +182,7 @@ def test_gravity_by_formula_is_uncertain_by_local_anomalies():
 @pytest.mark.parametrize("mass", [math.nan, math.inf, -1.0])
 def test_no_torque_is_made_of_an_impossible_mass(mass):
     with pytest.raises(ValueError, match="mass"):
-        applied_torque(mass, ARM, MassStandard())
+        lever.applied_torque(mass, ARM, MassStandard())
 
 
 def test_torques_of_masses_are_corrected_and_given_torques_stay():
@@ -204,7 +196,7 @@ def test_torques_of_masses_are_corrected_and_given_torques_stay():
         LoadReading("a", 0.0, "full", "cw", "up", 39.0, 6.0, **hung),
         LoadReading("a", 0.0, "full", "cw", "up", 39.0, 6.0),
     ]
-    out, account = apply_torque(taken_readings(Loads(tuple(rows))), bench)
+    out, account = lever.apply_torque(taken_readings(Loads(tuple(rows))), bench)
     torques = [t.reading.torque_nm for t in out]
     assert torques[:2] == pytest.approx([39.209365525, -39.209365525], rel=1e-9)
     assert torques[2:] == [39.0, 39.0]
@@ -216,5 +208,5 @@ def test_another_arm_length_of_a_row_is_used():
     nominal = 2.0 * arm.gravity_m_s2 * arm.length_m
     reading = LoadReading("a", 0.0, "full", "cw", "up", nominal, 1.0, mass_kg=2.0)
     loads = Loads((reading,), extra_columns={"arm_length_m": ("0.25",)})
-    out, _ = apply_torque(taken_readings(loads), BENCH.data)
+    out, _ = lever.apply_torque(taken_readings(loads), BENCH.data)
     assert out[0].reading.torque_nm == pytest.approx(2.0 * arm.gravity_m_s2 * 0.25)

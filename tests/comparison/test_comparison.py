@@ -30,9 +30,8 @@ def store(path: Path, kind: str, **body: Any) -> Path:
 
 def both(folder: Path, kind: str, first: dict[str, Any], second: dict[str, Any]) -> list[Path]:
     """Write two result files."""
-    return [
-        store(folder / f"{name}.json", kind, **body) for name, body in (("a", first), ("b", second))
-    ]
+    files = folder / "a.json", folder / "b.json"
+    return [store(file, kind, **body) for file, body in zip(files, (first, second), strict=True)]
 
 
 def calibration(gains: dict[float, float], std: float, **more: Any) -> dict[str, Any]:
@@ -240,24 +239,20 @@ def turned(z: complex, angle: float) -> complex:
     return z * complex(math.cos(angle), math.sin(angle))
 
 
-def test_a_pattern_turned_by_any_shift_is_the_same_pattern():
-    two, four = 0.4 + 0.1j, 0.15 - 0.1j
-    for shift in (0.0, 0.7, 2.0, -2.9):
-        found = compare_pattern(
-            [
-                pair(2.0, two, turned(two, 2.0 * shift), 0.001),
-                pair(4.0, four, turned(four, 4.0 * shift), 0.001),
-            ],
-            same_origin=False,
-            confidence=0.95,
-        )
-        assert found.score == pytest.approx(0.0, abs=1e-3)
-        # orders 2 and 4 know the shift up to half a turn
-        assert math.remainder(found.shift_rad - shift, math.pi) == pytest.approx(0.0, abs=1e-5)
+TRUTH = {2.0: 0.4 + 0.1j, 4.0: 0.15 - 0.1j}
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.7, 2.0, -2.9])
+def test_a_pattern_turned_by_any_shift_is_the_same_pattern(shift):
+    pairs = [pair(order, z, turned(z, order * shift), 0.001) for order, z in TRUTH.items()]
+    found = compare_pattern(pairs, same_origin=False, confidence=0.95)
+    assert found.score == pytest.approx(0.0, abs=1e-3)
+    # orders 2 and 4 know the shift up to half a turn
+    assert math.remainder(found.shift_rad - shift, math.pi) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_a_phase_between_the_orders_that_changed_is_found():
-    two, four = 0.4 + 0.1j, 0.15 - 0.1j
+    two, four = TRUTH.values()
     moved = [pair(2.0, two, two, 0.001), pair(4.0, four, turned(four, 0.3), 0.001)]
     found = compare_pattern(moved, same_origin=False, confidence=0.95)
     assert found.score is not None
@@ -269,21 +264,15 @@ def test_a_phase_between_the_orders_that_changed_is_found():
 )
 def test_two_patterns_of_one_truth_are_told_apart_in_5_of_100(same_origin, free):
     rng = np.random.default_rng(8)
-    truth = {2.0: 0.4 + 0.1j, 4.0: 0.15 - 0.1j}
     std, n = 0.005, 300
     scores = np.empty(n)
     for trial in range(n):
         shift = 0.0 if same_origin else rng.uniform(-math.pi, math.pi)
         noise = std * rng.standard_normal((2, 2, 2))
-        pairs = [
-            pair(
-                order,
-                z + complex(*noise[i, 0]),
-                turned(z + complex(*noise[i, 1]), order * shift),
-                std,
-            )
-            for i, (order, z) in enumerate(truth.items())
-        ]
+        pairs = []
+        for (order, z), (a, b) in zip(TRUTH.items(), noise, strict=True):
+            second = turned(z + complex(*b), order * shift)
+            pairs.append(pair(order, z + complex(*a), second, std))
         found = compare_pattern(pairs, same_origin=same_origin, confidence=0.95)
         assert found.score is not None
         scores[trial] = found.score
@@ -325,9 +314,8 @@ def test_a_new_cause_and_a_grown_one_are_named(tmp_path, named_cause):
         return named_cause(name, {"amplitude_nm": size, "step_time_s": place})
 
     one, two = [cause("mains-hum", 0.1)], [cause("mains-hum", 0.2), cause("zero-step", 1.0)]
-    a, b = both(
-        tmp_path, "diagnosis", *({"verdict": "named", "causes": causes} for causes in (one, two))
-    )
+    sides = ({"verdict": "named", "causes": causes} for causes in (one, two))
+    a, b = both(tmp_path, "diagnosis", *sides)
     found = compare_runs(a, b)
     assert found.moved == ("mains-hum.amplitude_nm", "only in B: zero-step")
     assert compare_runs(a, a).verdict == "within-uncertainty"

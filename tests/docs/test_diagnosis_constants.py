@@ -1,9 +1,5 @@
 """The table of the diagnosis' constants is what the code says, and every number has a reason."""
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 import diagnosis_constants
 
 

@@ -6,12 +6,10 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import docs_reference
 import pytest
 import yaml
 from forked import ended
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-import docs_reference
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

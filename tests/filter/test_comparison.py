@@ -73,10 +73,9 @@ def test_torque_that_does_not_vary_shows_neither_share_nor_delay(samples):
 def test_a_record_too_short_to_judge_is_refused():
     t, v, angle, y = turning(1.0)
     for torque, words in ((y, "left to judge"), (np.full_like(y, np.nan), "no sample")):
+        record = channels(t, v, torque, angle)
         with pytest.raises(DataError, match=words):
-            compare_filters(
-                channels(t, v, torque, angle), {}, TUNED, truth_nm=None, lowpass=LOWPASS
-            )
+            compare_filters(record, {}, TUNED, truth_nm=None, lowpass=LOWPASS)
 
 
 def test_the_transfer_keeps_the_shape_of_the_frequencies(bench):

@@ -1,6 +1,5 @@
 """Exported source: builds without a warning, answers as the host, here and on a Cortex-M4F."""
 
-import json
 import os
 import re
 import shutil
@@ -181,8 +180,7 @@ def test_a_folder_that_cannot_be_written_is_a_storage_fault(bench, tmp_path):
         exported(preset("report-6", bench), tmp_path / "file" / "x")
 
 
-def test_the_command_writes_a_folder_and_one_json_object(tmp_path, hdbench):
-    words = ("export", "--model", "report-a1", "--out", tmp_path / "fw", "--json")
-    body = json.loads(hdbench(*words)[0])
+def test_the_command_writes_a_folder_and_one_json_object(tmp_path, answer):
+    body = answer("export", "--model", "report-a1", "--out", tmp_path / "fw")
     assert body["schema"] == "hdbench/export/1"
     assert set(body["files"]) == set(os.listdir(tmp_path / "fw"))

@@ -2,14 +2,14 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
-from kernel_models import order_block
+from kernel_models import filter_model, order_block
 
 from hdbench.errors import DataError
 from hdbench.filter import (
     PRESETS,
-    FilterModel,
     OscillatorBlock,
     SlowBlock,
     build_filter_model,
@@ -21,20 +21,7 @@ from hdbench.model.definition import CauseTerm
 from hdbench.model.modelfile import model_dict
 
 BLOCK = OscillatorBlock(2.0, "ripple", 0.1)
-
-
-def model(**changes):
-    fields = {
-        "name": "own",
-        "blocks": (BLOCK,),
-        "measurement_noise": 1.0,
-        "load_inertia_kg_m2": 0.01,
-        "gear_ratio": 100.0,
-        "differentiator_time_constant_s": 0.005,
-        "use_measured_angle": True,
-        "provenance": {"orders": "a test"},
-    }
-    return FilterModel(**{**fields, **changes})
+MODEL = filter_model((BLOCK,), 1.0, inertia=0.01, angle=True, provenance={"orders": "a test"})
 
 
 def loaded(bench, folder, text):
@@ -62,7 +49,8 @@ def test_an_unknown_model_names_the_presets_and_the_nearest(bench, name, near):
 
 @pytest.mark.parametrize("gain", [None, 6.6, -6.6])
 def test_a_model_file_gives_the_same_model_back(bench, tmp_path, gain):
-    first = model(torque_gain_nm_per_v=gain, blocks=(BLOCK, OscillatorBlock(0.1, "ripple", 1 / 3)))
+    blocks = (BLOCK, OscillatorBlock(0.1, "ripple", 1 / 3))
+    first = replace(MODEL, torque_gain_nm_per_v=gain, blocks=blocks)
     assert loaded(bench, tmp_path, json.dumps(first.to_dict(), allow_nan=False)) == first
 
 
@@ -97,12 +85,10 @@ def stored(order, **changes):
     ],
 )
 def test_a_bad_model_file_names_the_place(bench, tmp_path, change, place):
-    body = {**model().to_dict(), **change}
+    body = {**MODEL.to_dict(), **change}
     text = json.dumps({key: value for key, value in body.items() if value is not ...})
-    with pytest.raises(DataError) as caught:
+    with pytest.raises(DataError, match=rf"^\S*own\.json(.|\n)*{place}"):
         loaded(bench, tmp_path, text)
-    assert place in str(caught.value)
-    assert "own.json" in caught.value.where
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
@@ -113,7 +99,7 @@ def test_numbers_out_of_their_domain_make_no_model(value):
         OscillatorBlock(order=2.0, role="ripple", process_noise=value)
     for field in ("measurement_noise", "gear_ratio", "differentiator_time_constant_s"):
         with pytest.raises(ValueError, match=field):
-            model(**{field: value})
+            replace(MODEL, **{field: value})
 
 
 def bench_model(**changes):
@@ -170,9 +156,8 @@ def test_a_model_that_the_diagnosis_saved_becomes_a_filter(bench, tmp_path):
     ],
 )
 def test_a_broken_file_and_a_bad_bench_model_are_refused(bench, tmp_path, text):
-    with pytest.raises(DataError, match=r".") as caught:
+    with pytest.raises(DataError, match=r"^\S*own\.json"):
         loaded(bench, tmp_path, text)
-    assert "own.json" in caught.value.where
 
 
 RIPPLE = {
@@ -193,11 +178,10 @@ CALIBRATION = {
 
 def test_results_feed_orders_noise_and_gain_and_say_so(bench):
     base = preset("report-6", bench)
-    found = build_filter_model(
-        base, ripple=RIPPLE, misalignment=MISALIGNMENT, calibration=CALIBRATION
-    )
-    assert [b.order for b in found.blocks] == [2.0, 7.9, 0.01]
-    assert [b.role for b in found.blocks] == ["ripple", "ripple", "misalignment"]
+    results = {"ripple": RIPPLE, "misalignment": MISALIGNMENT, "calibration": CALIBRATION}
+    found = build_filter_model(base, **results)
+    roles = [(b.order, b.role) for b in found.blocks]
+    assert roles == [(2.0, "ripple"), (7.9, "ripple"), (0.01, "misalignment")]
     assert found.measurement_noise == 0.0025
     assert [b.process_noise for b in found.blocks[:2]] == [1e-4, 1e-4]
     # Q/R = 0.2 / 2 is kept: products and quotients of doubles
@@ -217,9 +201,8 @@ def test_a_block_that_no_result_gives_keeps_its_selectivity(bench):
         block = next(b for b in fed.blocks if b.role == "misalignment")
         # the order of feeding must not matter beyond rounding
         assert block.process_noise / fed.measurement_noise == pytest.approx(0.1, rel=1e-12)
-    only_r = build_filter_model(
-        base, ripple={"ripple": [{"order": 2.0}], "filter": {"measurement_noise": 0.01}}
-    )
+    noise = {"ripple": [{"order": 2.0}], "filter": {"measurement_noise": 0.01}}
+    only_r = build_filter_model(base, ripple=noise)
     # Q/R of the profile, 1000 and 0.05, kept: products and quotients of doubles
     ratios = [b.process_noise / only_r.measurement_noise for b in only_r.blocks]
     assert ratios == pytest.approx([1000.0, 0.05], rel=1e-12)
@@ -228,7 +211,8 @@ def test_a_block_that_no_result_gives_keeps_its_selectivity(bench):
 def test_a_tuned_base_keeps_its_noise_and_takes_orders_only():
     slow = (SlowBlock("random-walk", noise_per_s=0.1),)
     blocks = (order_block(2.0, 1e-9), order_block(0.01, 1e-6, "misalignment"))
-    tuned = model(blocks=blocks, slow=slow, order_prior_std_nm=4.0, slow_prior_std_nm=40.0)
+    prior = {"order_prior_std_nm": 4.0, "slow_prior_std_nm": 40.0}
+    tuned = replace(MODEL, blocks=blocks, slow=slow, **prior)
     fed = build_filter_model(tuned, ripple=RIPPLE, misalignment=MISALIGNMENT)
     assert fed.measurement_noise == tuned.measurement_noise
     ripple = (order_block(2.0, 1e-9), order_block(7.9, 1e-9))

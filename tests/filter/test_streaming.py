@@ -174,9 +174,8 @@ def test_time_that_does_not_increase_is_refused_and_changes_nothing(kernel, bad)
     before = online.state()
     later = t[4:].copy()
     later[3] = bad
-    with pytest.raises(DataError, match="time_s") as caught:
+    with pytest.raises(DataError, match=r"sample 3.*: time_s"):
         online.process(later, later, later)
-    assert "sample 3" in caught.value.where
     assert_array_equal(online.state(), before)
     with pytest.raises(DataError, match="time_s"):
         online.process(t[3:], t[3:], t[3:])
@@ -221,15 +220,12 @@ def test_angle_or_encoder_serves_where_the_model_asks_for_it(bench):
 def test_a_missing_channel_is_named(bench, name):
     columns = dict(trace().columns)
     del columns[name]
-    with pytest.raises(DataError, match=name) as caught:
+    with pytest.raises(DataError, match=rf"^here\.csv.*{name}"):
         filter_trace(Trace(columns, "here.csv"), preset("report-6", bench), bench)
-    assert "here.csv" in caught.value.where
 
 
 def test_a_time_that_steps_back_names_file_and_sample(bench):
     stored = trace()
     stored.time_s[100] = stored.time_s[99]
-    with pytest.raises(DataError) as caught:
+    with pytest.raises(DataError, match=r"^here\.csv.*sample 100"):
         filter_trace(stored, preset("report-6", bench), bench)
-    assert "here.csv" in caught.value.where
-    assert "sample 100" in caught.value.where

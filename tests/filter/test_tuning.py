@@ -21,13 +21,7 @@ from hdbench.filter import (
     tune,
 )
 from hdbench.filter.response import filter_response
-from hdbench.filter.tuning.limits import (
-    forget_beyond_the_data,
-    leave_the_torque,
-    refusal,
-    slow_density,
-    with_moving_offset,
-)
+from hdbench.filter.tuning import limits
 from hdbench.filter.tuning.problem import TuningSettings, describe_motion, scaled, score
 from hdbench.filter.tuning.result import Estimate, check_innovations, ljung_box, nis_band
 from hdbench.filter.tuning.run import settings_of
@@ -203,8 +197,8 @@ def test_a_resonance_at_an_order_of_a_constant_speed_is_refused():
     steady = describe_motion([recorded(4.0, low=60.0, high=60.0)])
     swinging = describe_motion([recorded(4.0)])
     # order 0.01 at 60 rad/s turns at 0.095 Hz
-    assert "order 0.01" in refusal(model, steady)
-    assert refusal(model, swinging) is None
+    assert "order 0.01" in limits.refusal(model, steady)
+    assert limits.refusal(model, swinging) is None
 
 
 def test_spikes_are_left_out_and_a_step_is_not(base):
@@ -285,10 +279,12 @@ def test_the_curvature_of_a_parabola_is_its_matrix():
 def test_the_density_of_a_slow_torque_integrates_to_its_variance(block):
     if not block.stationary:
         # a random walk of q has q / w^2: ten times the frequency, a hundredth
-        assert slow_density(block, 1.0) == pytest.approx(100.0 * slow_density(block, 10.0))
+        assert limits.slow_density(block, 1.0) == pytest.approx(
+            100.0 * limits.slow_density(block, 10.0)
+        )
         return
     hz = np.concatenate([np.linspace(1e-4, 20.0, 20_001), np.geomspace(20.0, 1e6, 4000)[1:]])
-    density = np.array([slow_density(block, f) for f in hz])
+    density = np.array([limits.slow_density(block, f) for f in hz])
     total = 2.0 * float(np.trapezoid(density, hz))
     # the trapezoid's steps, and what lies above 1e6 Hz
     assert total == pytest.approx(block.variance, rel=5e-3)
@@ -303,7 +299,7 @@ def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque
     ]
     blocks = (order_block(2.0, 1e-20), order_block(0.01, 1e-4, "misalignment"))
     model = replace(relative_model(()), blocks=blocks, measurement_noise=0.0025)
-    raised, estimates = forget_beyond_the_data(model, found, motion)
+    raised, estimates = limits.forget_beyond_the_data(model, found, motion)
     assert estimates[1].held
     assert not estimates[2].held
     # a number with a peak is what the data say
@@ -321,7 +317,7 @@ def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(n
     blocks = (order_block(2.0, 1e-6), order_block(0.01, noise, "misalignment"))
     model = replace(relative_model((slow,)), blocks=blocks, measurement_noise=0.0032)
     found = [Estimate(name, "", 1.0, None) for name in ("R", "order 2", "order 0.01")]
-    kept, estimates = leave_the_torque(model, found, motion)
+    kept, estimates = limits.leave_the_torque(model, found, motion)
     assert [one.lowered for one in estimates] == [False, False, lowered]
     assert kept.blocks[0] == model.blocks[0]
     if not lowered:
@@ -335,16 +331,15 @@ def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(n
     assert least(model) < 0.97
     assert least(kept) > 0.98
     # no less than a memory of the traces' length: 2 S / angle^2 at the noise's density alone
-    assert kept.blocks[1].process_noise > 2.0 * 0.0032e-3 * motion.speed_rad_s / (
-        motion.turned_rad**2
-    )
+    memory = 2.0 * 0.0032e-3 * motion.speed_rad_s / motion.turned_rad**2
+    assert kept.blocks[1].process_noise > memory
 
 
 def test_the_offset_has_a_tenth_of_the_density_at_the_slowest_order():
     motion = describe_motion([recorded(20.0)])
     slow = (SlowBlock("random-walk", noise_per_s=1e-9), SLOW[1])
-    moved = with_moving_offset(relative_model(slow), motion)
+    moved = limits.with_moving_offset(relative_model(slow), motion)
     hz = 0.01 * motion.speed_rad_s / (2.0 * math.pi)
-    others = motion.period_s + slow_density(slow[1], hz)
-    assert slow_density(moved.slow[0], hz) == pytest.approx(0.1 * others)
+    others = motion.period_s + limits.slow_density(slow[1], hz)
+    assert limits.slow_density(moved.slow[0], hz) == pytest.approx(0.1 * others)
     assert moved.slow[1] == slow[1]

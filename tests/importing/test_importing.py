@@ -24,9 +24,8 @@ def bring(tmp_path, texts, maps, *, kind="trace", constants=(), **options):
     plan = Recipe(kind, mapped, fixed, **options)
     out = tmp_path / "out.csv"
     report = import_files(plan, files, out)
-    return (
-        read_trace(out, require=("torque",)) if kind == "trace" else read_loads(out, None)
-    ), report
+    found = read_trace(out, require=("torque",)) if kind == "trace" else read_loads(out, None)
+    return found, report
 
 
 MAPS = ("time_s=t", "torque_nm=T", "motor_velocity_rad_s=v")
@@ -82,15 +81,10 @@ def test_differences_of_large_times_keep_the_digits_of_the_file(tmp_path):
 def test_rows_of_plain_numbers_are_read_to_the_same_bits_as_row_by_row(tmp_path, monkeypatch, mark):
     monkeypatch.setattr(text_module, "_CHUNK_BYTES", 500)
     rng = np.random.default_rng(3)
-    rows = [
-        [
-            f"{1763720000 + 0.0005 * k:.4f}",
-            repr(float(v)),
-            f"{v:.3f}",
-            "" if k % 50 == 7 else f"{v}",
-        ]
-        for k, v in enumerate(rng.normal(size=300) * 1e3)
-    ]
+    rows = []
+    for k, v in enumerate(rng.normal(size=300) * 1e3):
+        angle = "" if k % 50 == 7 else f"{v}"
+        rows.append([f"{1763720000 + 0.0005 * k:.4f}", repr(float(v)), f"{v:.3f}", angle])
     maps = ("time_s=1", "torque_nm=2", "motor_velocity_rad_s=3*0.001+2", "motor_angle_rad=4@deg")
     found = []
     # quotes, a comment or a blank line in the middle: from there on it goes row by row
@@ -138,9 +132,8 @@ def test_each_file_can_have_its_own_column_and_constant(tmp_path):
     texts = ["a,x\n1,2\n", "b,x\n3,4\n"]
     maps = ("1:torque_nm=a", "2:torque_nm=b*-1", "reading_v=x")
     constants = ("experiment=e", "position_rad=0.5", "range=full", "direction=cw", "1:series=up")
-    loads, report = bring(
-        tmp_path, texts, maps, kind="loads", constants=(*constants, "2:series=down")
-    )
+    both = (*constants, "2:series=down")
+    loads, report = bring(tmp_path, texts, maps, kind="loads", constants=both)
     found = [(r.torque_nm, r.reading_v, r.series, r.position_rad) for r in loads.readings]
     assert found == [(1.0, 2.0, "up", 0.5), (-3.0, 4.0, "down", 0.5)]
     assert report.rows == 2
@@ -177,10 +170,8 @@ def test_a_missing_number_is_a_lost_sample_and_counted(tmp_path):
     ],
 )
 def test_a_bad_log_is_refused_with_its_line(tmp_path, text, place, word):
-    with pytest.raises(DataError) as caught:
+    with pytest.raises(DataError, match=rf"\A.*{place}: .*{word}"):
         bring(tmp_path, [text], MAPS)
-    assert caught.value.where.endswith(place)
-    assert word in caught.value.what
     assert not (tmp_path / "out.csv").exists()
 
 
@@ -195,21 +186,18 @@ def test_a_bad_log_is_refused_with_its_line(tmp_path, text, place, word):
     ],
 )
 def test_a_plan_that_does_not_fit_is_wrong_usage(tmp_path, maps, constants, word):
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match=rf"\A.*: .*{word}"):
         bring(tmp_path, ["t,T\n0,1\n"], maps, constants=constants)
-    assert word in caught.value.what
 
 
 def test_a_file_without_a_time_asks_for_the_rate(tmp_path):
-    with pytest.raises(DataError, match="no time column") as caught:
+    with pytest.raises(DataError, match=r"no time column(.|\n)*fix: .*--rate"):
         bring(tmp_path, ["a,T\n0,1\n1,2\n"], ("torque_nm=T",))
-    assert "--rate" in caught.value.fix
 
 
 def test_a_slip_in_a_column_name_of_the_contract_is_told():
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match=r"fix: .*torque_nm"):
         parse_entry("--map", "torqe_nm=T", known_columns("trace"))
-    assert "torque_nm" in caught.value.fix
     with pytest.raises(UsageError):
         parse_entry("--set", "series", known_columns("loads"))
 

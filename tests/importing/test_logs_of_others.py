@@ -56,8 +56,9 @@ def table(head: str, mark: str = ",", comma: bool = False) -> str:
         (table("Prüfstand 3;;\nZeit in ms;Drehmoment / Ncm;Drehzahl, rpm\n", ";", True), "cp1252"),
         (table("Zeit [ms]\tMoment [N·cm]\tDrehzahl [U/min]\n", "\t", True), "utf-16"),
         (table("time_ms,torque_Ncm,speed_rpm\n") + "5000,,\n", "utf-8"),
+        (LVM + "".join(f"{0.5 * k}\t{100 + k}\t{90 * (k + 1)}\n" for k in range(9)), "utf-8"),
     ],
-    ids=["suffix", "row of units", "brackets", "stroke and blank", "utf-16", "short last row"],
+    ids=["suffix", "units", "brackets", "stroke and blank", "utf-16", "short last row", "labview"],
 )
 def test_units_are_read_wherever_they_stand(tmp_path, content, encoding):
     trace = taken(tmp_path, content, encoding)
@@ -65,14 +66,6 @@ def test_units_are_read_wherever_they_stand(tmp_path, content, encoding):
     np.testing.assert_allclose(trace["torque_nm"][:9], 1.0 + 0.01 * np.arange(9), rtol=1e-15)
     velocity = 90.0 * (1.0 + np.arange(9)) * RPM
     np.testing.assert_allclose(trace["motor_velocity_rad_s"][:9], velocity, rtol=1e-15)
-
-
-def test_a_log_of_labview_keeps_its_names_and_units(tmp_path):
-    rows = "".join(f"{0.5 * k}\t{100 + k}\t90\n" for k in range(9))
-    trace = taken(tmp_path, LVM + rows)
-    np.testing.assert_allclose(trace.time_s, 0.5 * np.arange(9), rtol=1e-15)
-    np.testing.assert_allclose(trace["torque_nm"], 1.0 + 0.01 * np.arange(9), rtol=1e-15)
-    np.testing.assert_allclose(trace["motor_velocity_rad_s"], 90.0 * RPM, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,8 @@ def test_std_is_that_of_a_sinusoid_in_white_noise(both_ways):
     found = both_ways[0.0]
     # sigma sqrt(2 / n): 0.05 N m of noise and 0.7 mN m of the converter's steps; whole turns, so
     # that offsets and sinusoid are orthogonal to 1 %; std from 42 000 samples
-    assert found.amplitude_nm.std == pytest.approx(
-        0.05 * math.sqrt(2.0 / found.n_samples), rel=0.03
-    )
+    expected = 0.05 * math.sqrt(2.0 / found.n_samples)
+    assert found.amplitude_nm.std == pytest.approx(expected, rel=0.03)
 
 
 def test_a_zero_per_direction_does_not_reach_the_amplitude():
@@ -95,10 +94,8 @@ def test_intervals_cover_the_truth_with_a_gain_of_three_dof(n_runs):
     velocity, hits = both_ways_velocity(speed_rad_s=FAST), np.zeros(2)
     for true_gain, gain, trace in drawn_runs(velocity, n_runs):
         found = evaluate_misalignment(trace, BENCH, scale=gain, filter_model=FILTER)
-        hits += [
-            covers(found.amplitude_nm, 0.9 * true_gain / 6.6, 0.95),
-            covers(found.phase_rad, 0.3, 0.95),
-        ]
+        truth = (found.amplitude_nm, 0.9 * true_gain / 6.6), (found.phase_rad, 0.3)
+        hits += [covers(number, x, 0.95) for number, x in truth]
     # two counts, each at least binomial(n_runs, 0.95); false alarm 2 x 5e-4 = 1e-3
     assert np.all(hits >= binom.ppf(5e-4, n_runs, 0.95)), hits
 

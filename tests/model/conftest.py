@@ -6,12 +6,7 @@ import pytest
 from changing import with_keys
 
 from hdbench.model import Motion
-from hdbench.profile import Profile, ProfileData
-
-
-@pytest.fixture(scope="session")
-def bench(profile: Profile) -> ProfileData:
-    return profile.data
+from hdbench.profile import ProfileData
 
 
 @pytest.fixture(scope="session")

@@ -68,15 +68,9 @@ def test_baseline_columns_are_those_of_the_contract(bench, make_motion):
         want = expected + load * loaded.load_torque_nm
         np.testing.assert_allclose(got, want, rtol=0, atol=8e-15)
     a, o = motion.angle_rad, motion.output_angle_rad
-    want = {
-        "zero": np.ones(len(motion)),
-        "ripple:2.0:cosine": np.cos(2 * a),
-        "ripple:2.0:sine": np.sin(2 * a),
-        "ripple:4.0:cosine": np.cos(4 * a),
-        "ripple:4.0:sine": np.sin(4 * a),
-        "misalignment:cosine": np.cos(o),
-        "misalignment:sine": np.sin(o),
-    }
+    want = {"zero": np.ones(len(motion))}
+    for name, angle in (("ripple:2.0", 2 * a), ("ripple:4.0", 4 * a), ("misalignment", o)):
+        want |= {f"{name}:cosine": np.cos(angle), f"{name}:sine": np.sin(angle)}
     assert names == tuple(want)
     assert (columns == np.column_stack(list(want.values()))).all()
 

@@ -47,17 +47,14 @@ def up_to(end: float) -> np.ndarray:
 
 BOTH_WAYS = np.repeat([100.0, -100.0], 10_000)
 STEPS = np.arange(20_000)
-CANNOT_SHOW: list[tuple[str, dict[str, Any], str]] = [
+ZERO, ONES = np.zeros(20_000), np.ones(20_000)
+CANNOT_SHOW = [
     ("load-dependent-ripple", {}, "no load_torque_nm"),
-    ("gain-ripple", {"load_torque_nm": 0.0 * STEPS}, "zero throughout"),
+    ("gain-ripple", {"load_torque_nm": ZERO}, "zero throughout"),
     ("torsional-resonance", {}, "more than 5 %"),
     ("kinematic-error", {"inertia_nm_s2": 0.0}, "no inertia"),
     ("cubic-stiffness", {}, "no load_torque_nm"),
-    (
-        "cubic-stiffness",
-        {"load_torque_nm": np.ones(20_000), "time_s": 1.0 * STEPS},
-        "one sample per 1 s",
-    ),
+    ("cubic-stiffness", {"load_torque_nm": ONES, "time_s": 1.0 * STEPS}, "one sample per 1 s"),
     ("piecewise-stiffness", {}, "no load_torque_nm"),
     ("backlash", {"load_torque_nm": up_to(30)}, "needed: both signs"),
     ("side-force", {}, "no load_torque_nm"),
@@ -70,7 +67,7 @@ CANNOT_SHOW: list[tuple[str, dict[str, Any], str]] = [
     ("crosstalk", {"motor_current_a": None}, "no motor_current_a"),
     ("crosstalk", {"motor_current_a": np.full(20_000, 2.0)}, "is constant"),
     ("angular-misalignment", {"output_angle_rad": up_to(3)}, "0.477 turns"),
-    ("gain-error", {"load_torque_nm": 0.0 * STEPS}, "zero throughout"),
+    ("gain-error", {"load_torque_nm": ZERO}, "zero throughout"),
     ("tooth-mesh", {}, "motor_angle_rad or encoder_count"),
     ("coulomb-friction", {}, "keeps one direction"),
     ("viscous-friction", {}, "more than 5 %"),
@@ -79,14 +76,10 @@ CANNOT_SHOW: list[tuple[str, dict[str, Any], str]] = [
     ("asymmetric-friction", {"velocity_rad_s": BOTH_WAYS}, "varies by 0 rad/s of 100"),
     ("cogging", {"angle_rad": up_to(6)}, "0.955 turns"),
     ("transmission-error", {}, "needed: a ripple"),
+    ("transmission-error", {"ripple_slope_nm_per_rad": ZERO}, "does not follow the motor angle"),
     (
         "transmission-error",
-        {"ripple_slope_nm_per_rad": 0.0 * STEPS},
-        "does not follow the motor angle",
-    ),
-    (
-        "transmission-error",
-        {"ripple_slope_nm_per_rad": np.ones(20_000), "output_angle_rad": up_to(3)},
+        {"ripple_slope_nm_per_rad": ONES, "output_angle_rad": up_to(3)},
         "0.477 turns",
     ),
     ("ripple-harmonic", {"angle_rad": up_to(6)}, "0.955 turns"),

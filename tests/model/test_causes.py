@@ -8,16 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hdbench import model
 from hdbench.errors import DataError
-from hdbench.model import (
-    CauseTerm,
-    Parameter,
-    amplitude_phase,
-    catalogue,
-    cause_named,
-    cause_parameters,
-    check_term,
-)
 
 Shape = dict[str, float]
 
@@ -135,13 +127,13 @@ NO_TORQUE = {
 
 
 def test_the_catalogue_is_the_contract_in_its_order():
-    assert list(catalogue()) == CONTRACT_LIST.split()
+    assert list(model.catalogue()) == CONTRACT_LIST.split()
     assert len(CONTRACT_NAMES) == 48
 
 
 def test_every_cause_is_checked_somewhere():
     assert set(BY_HAND) | REMEMBER | NO_TORQUE == CONTRACT_NAMES
-    assert {name for name, cause in catalogue().items() if not cause.additive} == NO_TORQUE
+    assert {name for name, cause in model.catalogue().items() if not cause.additive} == NO_TORQUE
 
 
 @pytest.mark.parametrize("gauge", [1.0, 1.01])
@@ -149,8 +141,8 @@ def test_every_cause_is_checked_somewhere():
 def test_columns_follow_the_equation(name, gauge, make_motion):
     motion = make_motion(gauge_factor=gauge)
     shape, formula = BY_HAND[name]
-    got = catalogue()[name].columns(motion, shape)
-    assert got.shape == (len(motion), len(catalogue()[name].linear))
+    got = model.catalogue()[name].columns(motion, shape)
+    assert got.shape == (len(motion), len(model.catalogue()[name].linear))
     for k in range(0, len(motion), 7):
         want = formula(
             t=float(motion.time_s[k]),
@@ -170,7 +162,7 @@ def test_columns_follow_the_equation(name, gauge, make_motion):
         np.testing.assert_allclose(got[k], want, rtol=1e-12, atol=2e-10)
 
 
-@pytest.mark.parametrize("cause", catalogue().values(), ids=lambda cause: cause.name)
+@pytest.mark.parametrize("cause", model.catalogue().values(), ids=lambda cause: cause.name)
 def test_a_record_of_the_catalogue_is_complete(cause):
     for text in (cause.equation, cause.parity, cause.experiment, cause.source):
         assert text.strip()
@@ -191,37 +183,37 @@ def test_a_record_of_the_catalogue_is_complete(cause):
 
 def test_an_unknown_cause_is_told_with_the_nearest_name():
     with pytest.raises(DataError, match="nearest is 'coulomb-friction'") as caught:
-        cause_named("coulomb_frictoin", where="model.json: key causes.0.name")
+        model.cause_named("coulomb_frictoin", where="model.json: key causes.0.name")
     assert caught.value.where == "model.json: key causes.0.name"
 
 
 def test_users_add_causes_but_cannot_replace_one():
-    base = catalogue()["zero-drift"]
+    base = model.catalogue()["zero-drift"]
     own = replace(base, name="my-effect", columns=lambda motion, _: np.ones((len(motion), 1)))
-    assert catalogue([own])["my-effect"] is own
-    assert "my-effect" not in catalogue()
+    assert model.catalogue([own])["my-effect"] is own
+    assert "my-effect" not in model.catalogue()
     with pytest.raises(DataError, match="two causes have the name"):
-        catalogue([base])
+        model.catalogue([base])
 
 
 @pytest.mark.parametrize(
     ("term", "words"),
     [
-        (CauseTerm("mains-hum", {"frequency_hz": 55.0}, (0.1, 0.0)), "49.5 to 50.5 or 59.5"),
-        (CauseTerm("mains-hum", {"frequency_hz": math.nan}, (0.1, 0.0)), "is nan Hz"),
-        (CauseTerm("mains-hum", {}, (0.1, 0.0)), "shape parameters"),
-        (CauseTerm("viscous-friction", {}, (0.1, 0.0)), "2 linear values"),
-        (CauseTerm("viscous-friction", {}, (math.inf,)), "is inf N m s/rad"),
-        (CauseTerm("viscous-friction", {"order": 1.0}, (0.1,)), "shape parameters"),
+        (model.CauseTerm("mains-hum", {"frequency_hz": 55.0}, (0.1, 0.0)), "49.5 to 50.5 or 59.5"),
+        (model.CauseTerm("mains-hum", {"frequency_hz": math.nan}, (0.1, 0.0)), "is nan Hz"),
+        (model.CauseTerm("mains-hum", {}, (0.1, 0.0)), "shape parameters"),
+        (model.CauseTerm("viscous-friction", {}, (0.1, 0.0)), "2 linear values"),
+        (model.CauseTerm("viscous-friction", {}, (math.inf,)), "is inf N m s/rad"),
+        (model.CauseTerm("viscous-friction", {"order": 1.0}, (0.1,)), "shape parameters"),
     ],
 )
 def test_numbers_that_do_not_fit_a_cause_are_refused(term, words):
     with pytest.raises(DataError, match=words):
-        check_term(term, where="here")
+        model.check_term(term, where="here")
 
 
 def test_parameter_domains_hold_their_ends_and_no_nan():
-    parameter = Parameter("x", "1", 0.0, 2.0, "test", bands=((0.0, 0.5), (1.5, 2.0)))
+    parameter = model.Parameter("x", "1", 0.0, 2.0, "test", bands=((0.0, 0.5), (1.5, 2.0)))
     values = (0.0, 0.5, 0.6, 1.5, 2.0, 2.1, math.nan)
     assert [parameter.contains(v) for v in values] == [True, True, False, True, True, False, False]
 
@@ -229,7 +221,7 @@ def test_parameter_domains_hold_their_ends_and_no_nan():
 @given(amplitude=st.floats(1e-6, 1e3), phase=st.floats(-3.14, 3.14), x=st.floats(-10, 10))
 def test_amplitude_and_phase_are_those_of_the_contract(amplitude, phase, x):
     cosine, sine = amplitude * math.cos(phase), -amplitude * math.sin(phase)
-    a, p, _, _ = amplitude_phase(cosine, sine)
+    a, p, _, _ = model.amplitude_phase(cosine, sine)
     # a few roundings of numbers of the size of the amplitude, times |x| of the argument
     want = pytest.approx(a * math.cos(x + p), rel=0, abs=1e-13 * amplitude)
     assert cosine * math.cos(x) + sine * math.sin(x) == want
@@ -240,7 +232,7 @@ def test_uncertainties_of_amplitude_and_phase_agree_with_simulated_scatter():
     rng = np.random.default_rng(11)
     covariance = np.array([[4e-4, 1e-4], [1e-4, 1e-4]])
     draws = rng.multivariate_normal([0.6, -0.8], covariance, 40_000)
-    table = cause_parameters(CauseTerm("misalignment", {}, (0.6, -0.8), covariance))
+    table = model.cause_parameters(model.CauseTerm("misalignment", {}, (0.6, -0.8), covariance))
     amplitude = np.hypot(draws[:, 0], draws[:, 1])
     phase = np.arctan2(-draws[:, 1], draws[:, 0])
     # 40 000 draws know a standard deviation to 0.35 %; 2 % leaves the curvature of the formulas
@@ -251,21 +243,21 @@ def test_uncertainties_of_amplitude_and_phase_agree_with_simulated_scatter():
 
 
 def test_parameters_of_several_pairs_and_of_shapes_are_all_there():
-    term = CauseTerm("ripple-beat", {}, (3.0, 4.0, 0.0, 0.0))
-    table = cause_parameters(term)
+    term = model.CauseTerm("ripple-beat", {}, (3.0, 4.0, 0.0, 0.0))
+    table = model.cause_parameters(term)
     assert table["amplitude_lower_nm"] == {"value": 5.0, "std": None, "unit": "N m"}
     assert table["amplitude_upper_nm"]["value"] == 0.0
     assert table["phase_upper_rad"]["std"] is None
     matrix = np.diag([1.0, 4.0, 9.0])
-    term = CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.1, 0.0), matrix)
-    assert cause_parameters(term)["frequency_hz"] == {"value": 50.0, "std": 3.0, "unit": "Hz"}
-    alone = cause_parameters(replace(term, covariance=matrix[:2, :2]))
+    term = model.CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.1, 0.0), matrix)
+    assert model.cause_parameters(term)["frequency_hz"] == {"value": 50.0, "std": 3.0, "unit": "Hz"}
+    alone = model.cause_parameters(replace(term, covariance=matrix[:2, :2]))
     assert alone["frequency_hz"]["std"] is None
     with pytest.raises(ValueError, match="covariance of mains-hum"):
-        cause_parameters(replace(term, covariance=np.eye(4)))
+        model.cause_parameters(replace(term, covariance=np.eye(4)))
 
 
 def test_the_page_on_the_model_holds_every_equation():
     page = (Path(__file__).parents[2] / "docs" / "model.md").read_text(encoding="utf-8")
-    rows = {f"| `{name}` | `{cause.equation}` |" for name, cause in catalogue().items()}
+    rows = {f"| `{name}` | `{cause.equation}` |" for name, cause in model.catalogue().items()}
     assert {row for row in rows if row not in page} == set()

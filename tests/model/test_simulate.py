@@ -14,27 +14,15 @@ from hdbench.model import (
     simulate_run,
     with_noise,
 )
-from hdbench.profile import ProfileData
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import Trace
 from hdbench.records.tracefile import read_trace, write_trace
 
 
-def run_of(
-    bench: ProfileData,
-    wave: ReferenceWave,
-    duration: float,
-    noise: float = 0.0,
-    model: BenchModel | None = None,
-) -> Trace:
-    return simulate_run(
-        bench,
-        model or BenchModel.from_profile(bench),
-        duration_s=duration,
-        wave=wave,
-        noise_nm=noise,
-        rng=np.random.default_rng(3),
-    )
+def run_of(bench, wave, duration, noise=0.0, model=None):
+    model = model or BenchModel.from_profile(bench)
+    options = {"wave": wave, "noise_nm": noise, "rng": np.random.default_rng(3)}
+    return simulate_run(bench, model, duration_s=duration, **options)
 
 
 def test_a_small_step_of_reference_gives_the_first_order_answer(bench):

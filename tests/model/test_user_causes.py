@@ -211,14 +211,11 @@ def test_a_model_file_carries_declared_causes(tmp_path, profile, make_motion):
     save_model(again, found, profile=profile, provenance={})
     assert again.read_bytes() == path.read_bytes()
     body = json.loads(path.read_text())
-    body["definitions"][0]["name"] = "other"
-    path.write_text(json.dumps(body))
-    with pytest.raises(DataError, match="unknown cause"):
-        load_model(path)
-    body["definitions"][0]["kind"] = "tonne"
-    path.write_text(json.dumps(body))
-    with pytest.raises(DataError) as caught:
-        load_model(path)
+    for key, value, words in (("name", "other", "unknown cause"), ("kind", "tonne", "'tonne'")):
+        body["definitions"][0][key] = value
+        path.write_text(json.dumps(body))
+        with pytest.raises(DataError, match=words) as caught:
+            load_model(path)
     assert caught.value.where == f"{path}: key definitions.0"
 
 

@@ -9,13 +9,7 @@ import pytest
 from runkit import write_run
 
 from hdbench.errors import DataError
-from hdbench.profile.scaling import (
-    calibration_time,
-    checked_age,
-    measured_utc,
-    read_calibration,
-    stored_scale,
-)
+from hdbench.profile import scaling
 from hdbench.records import Quantity, TorqueScale
 
 NOW = datetime(2026, 6, 1, 12, tzinfo=UTC)
@@ -34,7 +28,7 @@ def ended(days_ago: float) -> str:
 
 def test_a_calibration_of_yesterday_says_so_and_is_used(tmp_path, profile):
     folder = run(tmp_path / "r", ended_utc=ended(1.0))
-    scale = checked_age(read_calibration(folder), folder, profile, now=NOW)
+    scale = scaling.checked_age(scaling.read_calibration(folder), folder, profile, now=NOW)
     assert scale.age_days == pytest.approx(1.0)
     assert scale.expired is False
     assert scale.age_words == "1.0 days old, valid for 365"
@@ -44,42 +38,44 @@ def test_a_calibration_of_yesterday_says_so_and_is_used(tmp_path, profile):
 def test_the_limit_is_the_profiles(tmp_path, profile):
     limit = profile.data.calibration.validity_days
     young = run(tmp_path / "young", ended_utc=ended(limit - 0.01))
-    assert checked_age(SCALE, young, profile, now=NOW).expired is False
+    assert scaling.checked_age(SCALE, young, profile, now=NOW).expired is False
     old = run(tmp_path / "old", ended_utc=ended(limit + 0.01))
     with pytest.raises(DataError, match=r"expired: 365\.0 days old; needed: at most 365") as caught:
-        checked_age(SCALE, old, profile, now=NOW)
+        scaling.checked_age(SCALE, old, profile, now=NOW)
     assert "--allow-expired" in caught.value.fix
 
 
 def test_an_expired_one_is_used_knowingly_and_marked(tmp_path, profile):
     folder = run(tmp_path / "r", ended_utc=ended(400.0))
-    scale = checked_age(SCALE, folder, profile, now=NOW, allow_expired=True)
+    scale = scaling.checked_age(SCALE, folder, profile, now=NOW, allow_expired=True)
     assert scale.expired is True
     assert "EXPIRED" in scale.age_words
-    stored = stored_scale(json.loads(json.dumps(scale.to_dict())), tmp_path)
+    stored = scaling.stored_scale(json.loads(json.dumps(scale.to_dict())), tmp_path)
     assert stored == scale
 
 
 def test_weights_that_hung_long_ago_stay_old_when_evaluated_again(tmp_path, profile):
     source = {"source": {"path": "x", "measured_utc": ended(400.0)}}
     folder = run(tmp_path / "r", ended_utc=ended(0.0), details=source)
-    assert measured_utc(folder) == ended(400.0)
-    assert measured_utc(folder / "result.json") == ended(400.0)
+    assert scaling.measured_utc(folder) == ended(400.0)
+    assert scaling.measured_utc(folder / "result.json") == ended(400.0)
     with pytest.raises(DataError, match="expired"):
-        checked_age(SCALE, folder / "result.json", profile, now=NOW)
+        scaling.checked_age(SCALE, folder / "result.json", profile, now=NOW)
 
 
 def test_loads_of_unknown_age_are_at_least_as_old_as_their_evaluation(tmp_path, profile):
     source = {"source": {"path": "loads.csv", "measured_utc": None}}
     folder = run(tmp_path / "r", ended_utc=ended(2.0), details=source)
-    assert calibration_time(folder) == (ended(2.0), False)
-    assert checked_age(SCALE, folder, profile, now=NOW).age_words.startswith("at least 2.0 days")
+    assert scaling.calibration_time(folder) == (ended(2.0), False)
+    assert scaling.checked_age(SCALE, folder, profile, now=NOW).age_words.startswith(
+        "at least 2.0 days"
+    )
 
 
 def test_a_result_without_a_run_has_no_known_age(tmp_path, profile):
     folder = run(tmp_path / "r", ended_utc=ended(2.0))
     (folder / "run.json").unlink()
-    scale = checked_age(SCALE, folder / "result.json", profile, now=NOW)
+    scale = scaling.checked_age(SCALE, folder / "result.json", profile, now=NOW)
     assert (scale.age_days, scale.age_words) == (None, "its age is not known")
 
 
@@ -94,9 +90,9 @@ def test_a_result_without_a_run_has_no_known_age(tmp_path, profile):
 def test_a_date_that_cannot_be_is_refused(tmp_path, profile, text, words):
     folder = run(tmp_path / "r", ended_utc=text)
     with pytest.raises(DataError, match=words):
-        checked_age(SCALE, folder, profile, now=NOW, allow_expired=True)
+        scaling.checked_age(SCALE, folder, profile, now=NOW, allow_expired=True)
 
 
 def test_a_clock_that_is_minutes_behind_does_no_harm(tmp_path, profile):
     folder = run(tmp_path / "r", ended_utc=ended(-0.01))
-    assert checked_age(SCALE, folder, profile, now=NOW).age_days == 0.0
+    assert scaling.checked_age(SCALE, folder, profile, now=NOW).age_days == 0.0

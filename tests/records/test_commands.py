@@ -22,7 +22,7 @@ def killed_run(tmp_path):
     return folder.path
 
 
-def test_a_bad_profile_exits_4_with_each_problem_on_its_line(tmp_path, hdbench):
+def test_a_bad_profile_exits_4_with_each_problem_on_its_line(tmp_path, hdbench, answer):
     path = tmp_path / "bad.toml"
     text = load_profile("cim-tr-97-06").text
     path.write_text(text.replace("gear_ratio", "gear_ration").replace("= 40.0 ", "= nan "))
@@ -30,8 +30,7 @@ def test_a_bad_profile_exits_4_with_each_problem_on_its_line(tmp_path, hdbench):
     assert out == ""
     assert err.count("bad.toml:") >= 3
     assert "did you mean 'drive.gear_ratio'" in err.replace("\n", " ")
-    out, _ = hdbench("--json", "profile", "check", path, code=4)
-    assert len(json.loads(out)["error"]["problems"]) == 3
+    assert len(answer("profile", "check", path, code=4)["error"]["problems"]) == 3
 
 
 def test_a_new_profile_is_written_once_and_checks(tmp_path, hdbench):
@@ -43,7 +42,7 @@ def test_a_new_profile_is_written_once_and_checks(tmp_path, hdbench):
     assert json.loads(hdbench("profile", "schema")[0])["title"] == "ProfileData"
 
 
-def test_an_import_ends_in_a_trace_and_a_bad_one_in_exit_4(tmp_path, hdbench):
+def test_an_import_ends_in_a_trace_and_a_bad_one_in_exit_4(tmp_path, hdbench, answer):
     source = tmp_path / "log.txt"
     source.write_text("zeit;moment\n0,000;1,5\n0,001;2,5\n")
     out = tmp_path / "t.csv"
@@ -51,16 +50,14 @@ def test_an_import_ends_in_a_trace_and_a_bad_one_in_exit_4(tmp_path, hdbench):
     assert "read back" in hdbench(*words, "--out", out)[0]
     assert read_trace(out, require=("torque",))["torque_nm"].tolist() == [3.0, 5.0]
     source.write_text("zeit;moment\n0,000;1,5\n0,000;2,5\n")
-    text, _ = hdbench("--json", *words, "--out", out, code=4)
-    assert json.loads(text)["error"]["where"] == f"{source}:3"
+    assert answer(*words, "--out", out, code=4)["error"]["where"] == f"{source}:3"
 
 
-def test_a_killed_run_is_listed_verified_and_recovered(killed_run, hdbench):
+def test_a_killed_run_is_listed_verified_and_recovered(killed_run, hdbench, answer):
     assert f"{killed_run.name}  incomplete" in hdbench("runs", "list", killed_run.parent)[0]
     assert "20 samples" in hdbench("runs", "verify", killed_run)[0]
-    out, _ = hdbench("--json", "runs", "verify", "--recover", killed_run)
-    assert json.loads(out)["ok"] is True
+    assert answer("runs", "verify", "--recover", killed_run)["ok"] is True
     assert len(read_trace(killed_run / "trace.csv")) == 20
     (killed_run / "trace.csv").write_text("x")
     hdbench("runs", "verify", killed_run, code=4)
-    assert json.loads(hdbench("--json", "runs", "show", killed_run)[0])["kind"] == "ripple"
+    assert answer("runs", "show", killed_run)["kind"] == "ripple"

@@ -65,13 +65,13 @@ def test_a_file_that_is_no_parquet_is_told(tmp_path):
         read_trace(tmp_path / "missing.parquet")
 
 
-def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(tmp_path, hdbench):
+def test_a_run_keeps_parquet_beside_its_csv_and_takes_it_as_input(tmp_path, hdbench, answer):
     source = stored(tmp_path)
-    out = ("--no-report", "--out", tmp_path / "runs", "--json")
-    first = json.loads(hdbench("run-ripple", "--from", source, "--format", "parquet", *out)[0])
+    out = ("--no-report", "--out", tmp_path / "runs")
+    first = answer("run-ripple", "--from", source, "--format", "parquet", *out)
     folder = Path(first["run_folder"])
     manifest = json.loads((folder / "run.json").read_text())
     assert manifest["files"]["trace.parquet"] == sha256_file(folder / "trace.parquet")
     hdbench("runs", "verify", folder)
-    again = hdbench("run-ripple", "--from", folder / "trace.parquet", *out)[0]
-    assert json.loads(again)["ripple"] == first["ripple"]
+    again = answer("run-ripple", "--from", folder / "trace.parquet", *out)
+    assert again["ripple"] == first["ripple"]

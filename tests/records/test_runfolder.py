@@ -15,16 +15,8 @@ import numpy as np
 import pytest
 from forked import forked
 
+from hdbench import records
 from hdbench.errors import DataError, StorageError
-from hdbench.records import (
-    LoadReading,
-    RunFolder,
-    list_runs,
-    read_loads,
-    read_trace,
-    resolve_input,
-    verify_runs,
-)
 from hdbench.records.journal import JournalWriter
 from hdbench.records.recovery import recover_run, verify_run
 
@@ -35,7 +27,9 @@ NOBODY = 2**22 + 1
 
 def make(parent, profile, kind="ripple", token="3f9a1c"):
     fixed = {"clock": lambda: MOMENT, "token": lambda: token}
-    return RunFolder.create(parent, kind=kind, profile=profile, details={"seed": 1}, **fixed)
+    return records.RunFolder.create(
+        parent, kind=kind, profile=profile, details={"seed": 1}, **fixed
+    )
 
 
 def samples(folder, n_blocks=3):
@@ -48,6 +42,11 @@ def samples(folder, n_blocks=3):
 
 def killed(folder):
     folder.update(pid=NOBODY, process_mark=None)
+
+
+@pytest.fixture
+def folder(tmp_path, profile):
+    return make(tmp_path, profile)
 
 
 def test_a_new_run_is_named_by_time_and_kind_and_holds_what_the_contract_lists(tmp_path, profile):
@@ -64,7 +63,7 @@ def test_a_new_run_is_named_by_time_and_kind_and_holds_what_the_contract_lists(t
     assert (body["status"], body["kind"]) == ("running", "ripple")
     assert body["started_utc"] == "2026-11-21T10:15:00.000000Z"
     assert folder.status() == "running"
-    by_default = RunFolder.create(tmp_path, kind="ripple", profile=profile, details={})
+    by_default = records.RunFolder.create(tmp_path, kind="ripple", profile=profile, details={})
     assert re.fullmatch(r"\d{8}T\d{6}Z-ripple-[0-9a-f]{6}", by_default.run_id)
 
 
@@ -76,8 +75,7 @@ def test_a_run_is_not_made_where_another_one_or_a_file_is(tmp_path, profile):
             make(parent, profile)
 
 
-def test_a_finished_run_hashes_its_files_and_verify_sees_any_change(tmp_path, profile):
-    folder = make(tmp_path, profile)
+def test_a_finished_run_hashes_its_files_and_verify_sees_any_change(folder):
     samples(folder)
     folder.trace.write_text("time_s,torque_nm,tacho_v\n0,1,2\n")
     folder.result.write_text("{}")
@@ -91,8 +89,7 @@ def test_a_finished_run_hashes_its_files_and_verify_sees_any_change(tmp_path, pr
     assert [p.split()[0] for p in verify_run(folder.path).problems] == ["trace.csv", "result.json"]
 
 
-def test_a_killed_run_is_incomplete_and_gives_back_every_acknowledged_sample(tmp_path, profile):
-    folder = make(tmp_path, profile)
+def test_a_killed_run_is_incomplete_and_gives_back_every_acknowledged_sample(folder):
     samples(folder)
     with folder.journal.open("ab") as file:
         file.write(b"HDJ1 torn")
@@ -100,9 +97,9 @@ def test_a_killed_run_is_incomplete_and_gives_back_every_acknowledged_sample(tmp
     report = verify_run(folder.path)
     assert (report.status, report.ok, report.recoverable) == ("incomplete", True, True)
     assert (report.samples_in_journal, report.torn_bytes) == (30, 9)
-    trace = read_trace(resolve_input(folder.path))
+    trace = records.read_trace(records.resolve_input(folder.path))
     assert trace.time_s.tobytes() == (np.arange(30) * 1e-3).tobytes()
-    again = RunFolder.open(folder.path)
+    again = records.RunFolder.open(folder.path)
     assert again.manifest["status"] == "incomplete"
     assert set(again.manifest["files"]) == {"journal.hdj", "trace.csv"}
     assert verify_run(folder.path).ok
@@ -110,36 +107,33 @@ def test_a_killed_run_is_incomplete_and_gives_back_every_acknowledged_sample(tmp
 
 def test_a_killed_calibration_gives_back_its_readings(tmp_path, profile):
     folder = make(tmp_path, profile, kind="calibration")
-    reading = LoadReading("p0-cw-full", 0.0, "full", "cw", "up", 9.8, 1.48, mass_kg=2.0)
+    reading = records.LoadReading("p0-cw-full", 0.0, "full", "cw", "up", 9.8, 1.48, mass_kg=2.0)
     with JournalWriter(folder.journal) as journal:
         journal.append("event", {}, {"lock_rad": 0.0})
         journal.append("reading", {}, {**asdict(reading), "settled": False})
     killed(folder)
-    path = resolve_input(folder.path)
+    path = records.resolve_input(folder.path)
     assert path.name == "loads.csv"
-    loads = read_loads(path, None)
+    loads = records.read_loads(path, None)
     assert loads.readings == (reading,)
     assert loads.extra_columns == {"settled": ("false",)}
 
 
-def test_a_run_that_goes_on_is_left_alone(tmp_path, profile):
-    folder = make(tmp_path, profile)
+def test_a_run_that_goes_on_is_left_alone(folder):
     samples(folder)
     with pytest.raises(DataError, match="still goes on"):
         recover_run(folder)
     assert not folder.trace.exists()
 
 
-def test_a_later_process_with_the_same_number_is_not_taken_for_the_run(tmp_path, profile):
-    folder = make(tmp_path, profile)
+def test_a_later_process_with_the_same_number_is_not_taken_for_the_run(folder):
     if folder.manifest["process_mark"] is None:
         pytest.skip("this system does not tell processes apart")
     folder.update(process_mark="another boot:1")
     assert folder.status() == "incomplete"
 
 
-def test_a_run_of_another_host_counts_as_running_while_its_journal_grows(tmp_path, profile):
-    folder = make(tmp_path, profile)
+def test_a_run_of_another_host_counts_as_running_while_its_journal_grows(folder):
     samples(folder)
     folder.update(host="elsewhere")
     for age_s, status in ((5, "running"), (3600, "incomplete")):
@@ -147,9 +141,8 @@ def test_a_run_of_another_host_counts_as_running_while_its_journal_grows(tmp_pat
         assert folder.status() == status
 
 
-def test_a_damaged_journal_is_a_problem_and_keeps_what_is_intact(tmp_path, profile):
-    folder = make(tmp_path, profile)
-    samples(folder, 3)
+def test_a_damaged_journal_is_a_problem_and_keeps_what_is_intact(folder):
+    samples(folder)
     raw = bytearray(folder.journal.read_bytes())
     raw[len(raw) // 2] ^= 1
     folder.journal.write_bytes(raw)
@@ -157,8 +150,8 @@ def test_a_damaged_journal_is_a_problem_and_keeps_what_is_intact(tmp_path, profi
     report = verify_run(folder.path)
     assert not report.ok
     assert report.samples_in_journal == 20
-    assert len(read_trace(recover_run(folder))) == 20
-    assert "damaged" in RunFolder.open(folder.path).manifest["exit_reason"]
+    assert len(records.read_trace(recover_run(folder))) == 20
+    assert "damaged" in records.RunFolder.open(folder.path).manifest["exit_reason"]
 
 
 RIPPLE = '{"schema": "hdbench/run/1", "kind": "ripple", "profile": {}, '
@@ -179,13 +172,12 @@ def test_a_broken_run_is_listed_as_invalid_and_refused(tmp_path, text):
     path.mkdir()
     (path / "run.json").write_text(text)
     with pytest.raises(DataError):
-        RunFolder.open(path)
-    assert [run.status for run in list_runs(tmp_path)] == ["invalid"]
-    assert not verify_runs([path])[0].ok
+        records.RunFolder.open(path)
+    assert [run.status for run in records.list_runs(tmp_path)] == ["invalid"]
+    assert not records.verify_runs([path])[0].ok
 
 
-def test_a_hostile_file_name_in_a_run_is_not_followed(tmp_path, profile):
-    folder = make(tmp_path, profile)
+def test_a_hostile_file_name_in_a_run_is_not_followed(folder):
     folder.update(status="complete", files={"../../etc/passwd": "0"})
     (problem,) = verify_run(folder.path).problems
     assert "not the name" in problem
@@ -194,8 +186,8 @@ def test_a_hostile_file_name_in_a_run_is_not_followed(tmp_path, profile):
 def test_runs_are_listed_oldest_first(tmp_path, profile):
     for token in ("bbbbbb", "aaaaaa"):
         make(tmp_path, profile, token=token)
-    assert [run.path.name[-6:] for run in list_runs(tmp_path)] == ["aaaaaa", "bbbbbb"]
-    assert list_runs(tmp_path / "none") == ()
+    assert [run.path.name[-6:] for run in records.list_runs(tmp_path)] == ["aaaaaa", "bbbbbb"]
+    assert records.list_runs(tmp_path / "none") == ()
 
 
 @pytest.mark.parametrize("kind", ["missing", "no run", "no data"])
@@ -206,11 +198,11 @@ def test_an_input_without_data_is_refused(tmp_path, profile, kind):
     if kind == "no data":
         path = make(tmp_path, profile, kind="diagnosis").path
     with pytest.raises(DataError):
-        resolve_input(path)
+        records.resolve_input(path)
 
 
 def write_for_ever(parent, profile):
-    folder = RunFolder.create(parent, kind="ripple", profile=profile, details={})
+    folder = records.RunFolder.create(parent, kind="ripple", profile=profile, details={})
     journal = JournalWriter(folder.journal)
     for k in itertools.count():
         time_s = (np.arange(50) + 50 * k) * 1e-3
@@ -224,14 +216,14 @@ def test_a_run_killed_for_real_keeps_what_was_acknowledged(tmp_path, profile):
     with forked(act, stdout=subprocess.PIPE, text=True) as process:
         for _ in range(40):
             process.stdout.readline()
-        (running,) = list_runs(tmp_path)
+        (running,) = records.list_runs(tmp_path)
         process.send_signal(signal.SIGKILL)
         words = process.stdout.read().split("\n")[:-1]
     # 40 blocks of 50 samples were acknowledged before the signal, more while it was on its way
     acknowledged = int(words[-1]) if words else 2000
     assert running.status == "running"
-    (report,) = verify_runs([running.path], recover=True)
+    (report,) = records.verify_runs([running.path], recover=True)
     assert (report.ok, report.status) == (True, "incomplete")
     assert report.samples_in_journal in (acknowledged, acknowledged + 50)
-    time_s = read_trace(resolve_input(running.path)).time_s
+    time_s = records.read_trace(records.resolve_input(running.path)).time_s
     assert time_s.tolist() == (np.arange(report.samples_in_journal) * 1e-3).tolist()

@@ -1,13 +1,10 @@
 """The comparison of the answers of two versions: what it passes over, and what it finds."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 import same_answers
 
 BEFORE: dict[str, Any] = {
@@ -28,6 +25,12 @@ def recorded(folder: Path, answer: object, table: str = "a,b\n1.0,2.0\n") -> Pat
     return folder
 
 
+def differences(tmp_path, after, table="a,b\n1.0,2.0\n", beyond=0.0):
+    """Return whether another answer differs beyond a limit, or another table."""
+    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", after, table)
+    return same_answers.compare(*folders, beyond=beyond)
+
+
 def test_versions_ages_and_names_of_runs_may_differ(tmp_path):
     after = {
         "hdbench_version": "0.2.0",
@@ -36,8 +39,7 @@ def test_versions_ages_and_names_of_runs_may_differ(tmp_path):
         "scale": {"age_days": 3.2, "age_words": "3.2 days old, valid for 365"},
         "provenance": {"hdbench": "0.2.0", "device: firmware": "0.2.0", "device: serial": "sim-0"},
     }
-    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", after)
-    assert same_answers.compare(*folders, beyond=0.0) == 0
+    assert differences(tmp_path, after) == 0
 
 
 @pytest.mark.parametrize(
@@ -50,14 +52,12 @@ def test_versions_ages_and_names_of_runs_may_differ(tmp_path):
     ],
 )
 def test_any_other_difference_is_told(tmp_path, capsys, change, told):
-    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE | change)
-    assert same_answers.compare(*folders, beyond=0.0) == 1
+    assert differences(tmp_path, BEFORE | change) == 1
     assert told in capsys.readouterr().out
 
 
 def test_a_table_differs_in_its_last_digit(tmp_path):
-    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE, "a,b\n1.0,2.1\n")
-    assert same_answers.compare(*folders, beyond=1e-9) == 1
+    assert differences(tmp_path, BEFORE, "a,b\n1.0,2.1\n", beyond=1e-9) == 1
 
 
 def test_what_has_a_reason_is_counted_apart(tmp_path, capsys, monkeypatch):
@@ -80,5 +80,4 @@ def test_a_reason_for_rounding_is_none_for_more(tmp_path, monkeypatch, after, di
     fixed = tmp_path / "set.txt"
     fixed.write_text("~ cal-0/*: .gain: * within 1e-9 = rounding\n[calibrate]\ncal-0: calibrate\n")
     monkeypatch.setattr(same_answers, "SET", fixed)
-    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE | after)
-    assert same_answers.compare(*folders, beyond=0.0) == differs
+    assert differences(tmp_path, BEFORE | after) == differs

@@ -1,6 +1,5 @@
 """Run folders for the tests of the report, from traces that share no code with hdbench."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,6 @@ from hdbench.records.jsonfile import result_header, write_json
 from hdbench.records.loads import read_loads
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace, write_trace
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "stored"))
-import generate as generate  # what its traces are made by
 
 SCALE = TorqueScale(Quantity(6.6, 0.03, 3.0), "calibration 20260101T000000Z-calibration-abc123")
 

@@ -50,14 +50,11 @@ class Tab:
 
     def _note(self, message: dict[str, Any]) -> None:
         body = message.get("params", {})
-        if message.get("method") == "Log.entryAdded":
-            self.complaints.append(str(body["entry"]["text"]))
-        elif message.get("method") == "Runtime.exceptionThrown":
-            self.complaints.append(json.dumps(body["exceptionDetails"]))
-        elif message.get("method") == "Runtime.consoleAPICalled":
-            self.complaints.append(json.dumps(body.get("args")))
-        elif message.get("method") == "Network.requestWillBeSent":
-            self.requests.append(str(body["request"]["url"]))
+        match message.get("method"):
+            case "Log.entryAdded" | "Runtime.exceptionThrown" | "Runtime.consoleAPICalled":
+                self.complaints.append(json.dumps(body))
+            case "Network.requestWillBeSent":
+                self.requests.append(str(body["request"]["url"]))
 
     def open(self, page: Path, width: int = 1200, height: int = 900, scheme: str = "light") -> None:
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}

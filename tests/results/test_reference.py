@@ -1,21 +1,18 @@
 """Result types: what evaluations write, what is read back, and the reference made of them."""
 
 import json
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
+from result_keys import KINDS, ResultKey, json_schema, keys_of
 
 from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.results import CalibrationResult, DiagnosisResult, MisalignmentResult, RippleResult
 from hdbench.session import evaluate_stored
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-from result_keys import KINDS, ResultKey, json_schema, keys_of
 
 STORED = Path(__file__).parents[1] / "stored"
 TYPES = {

@@ -1,26 +1,22 @@
 """Traces written from closed forms, with a truth that the tests know."""
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from hdbench.profile.schema import ProfileData
+from hdbench.profile import ProfileData, load_profile
 from hdbench.records import Quantity, TorqueScale, Trace
 
-PROFILE = Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml"
 DT = 0.001
 
 
 def bench(**drive: float) -> ProfileData:
     """Return the report's bench with keys of its drive replaced."""
-    body = tomllib.loads(PROFILE.read_text())
-    body["drive"].update(drive)
-    return ProfileData.model_validate(body, strict=False)
+    data = load_profile("cim-tr-97-06").data
+    return data.model_copy(update={"drive": data.drive.model_copy(update=drive)})
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ the evaluations estimate stand in `TRUTH`.
 """
 
 import gzip
-import json
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +26,8 @@ TRUTH = {
 def loads_csv(seed: int) -> str:
     """Return readings of 4 positions x 2 directions x 2 ranges, loading and unloading."""
     rng = np.random.default_rng(seed)
-    lines = [
-        "experiment,position_rad,range,direction,series,torque_nm,reading_v,reading_std_v,n_samples"
-    ]
+    head = "experiment,position_rad,range,direction,series,torque_nm"
+    lines = [f"{head},reading_v,reading_std_v,n_samples"]
     spread = rng.normal(0.0, 0.015, 4)
     for i, position in enumerate(np.arange(4) * np.pi / 2.0):
         for sign, direction in ((1.0, "cw"), (-1.0, "ccw")):
@@ -43,10 +41,8 @@ def loads_csv(seed: int) -> str:
                         lag = 0.004 * mass * (top - mass) / top if series == "down" else 0.0
                         volts = (torque + sign * lag) / gain + zero + rng.normal(0.0, 0.0008)
                         volts = round(volts / STEP_V) * STEP_V
-                        lines.append(
-                            f"p{i}-{direction}-{name},{position:.6f},{name},{direction},{series},"
-                            f"{torque:.6f},{volts:.6f},{0.0076:.4f},1000"
-                        )
+                        where = f"p{i}-{direction}-{name},{position:.6f},{name},{direction}"
+                        lines.append(f"{where},{series},{torque:.6f},{volts:.6f},0.0076,1000")
     return "\n".join(lines) + "\n"
 
 
@@ -79,11 +75,8 @@ def trace_csv(velocity: np.ndarray, seed: int, dt: float = 1e-3) -> str:
     return "\n".join(lines) + "\n"
 
 
-def ramps(
-    points: list[tuple[float, float]], dt: float = 1e-3, smooth_s: float = 0.02
-) -> np.ndarray:
-    """Return a velocity through (time, rad/s) points, its corners rounded by a moving average."""
-    times, values = np.array(points).T
+def ramps(times: tuple, values: tuple, dt: float = 1e-3, smooth_s: float = 0.02) -> np.ndarray:
+    """Return a velocity through points, s and rad/s, its corners rounded by a moving average."""
     grid = np.arange(0.0, times[-1], dt)
     width = int(smooth_s / dt)
     padded = np.pad(np.interp(grid, times, values), width, mode="edge")
@@ -92,70 +85,28 @@ def ramps(
 
 def misalignment_velocity() -> np.ndarray:
     """Return 2.15 output turns at 300 rad/s in each direction, with rest between them."""
-    return ramps(
-        [
-            (0, 0),
-            (0.2, 0),
-            (0.6, 300),
-            (5.1, 300),
-            (5.5, 0),
-            (5.7, 0),
-            (6.1, -300),
-            (10.6, -300),
-            (11.0, 0),
-            (11.2, 0),
-        ]
-    )
+    times = (0.0, 0.2, 0.6, 5.1, 5.5, 5.7, 6.1, 10.6, 11.0, 11.2)
+    return ramps(times, (0, 0, 300, 300, 0, 0, -300, -300, 0, 0))
 
 
 def ripple_velocity() -> np.ndarray:
     """Return a trapezoid of 156 rad/s, the speed of the report's figure 8, in both directions."""
-    return ramps(
-        [(0, 0), (0.2, 0), (0.5, 156), (2.6, 156), (3.2, -156), (5.5, -156), (5.8, 0), (6.0, 0)]
-    )
+    times = (0.0, 0.2, 0.5, 2.6, 3.2, 5.5, 5.8, 6.0)
+    return ramps(times, (0, 0, 156, 156, -156, -156, 0, 0))
 
 
 def write_packed(path: Path, text: str) -> None:
     """Write a gzip file whose bytes do not depend on the time."""
-    path.parent.mkdir(exist_ok=True)
     with path.open("wb") as file, gzip.GzipFile("", "wb", 9, file, mtime=0) as packed:
         packed.write(text.encode())
 
 
-def case(kind: str, source: str, **more: object) -> dict[str, object]:
-    """Return the body of a case file."""
-    return {
-        "schema": "hdbench/regression-case/1",
-        "kind": kind,
-        "input": source,
-        "profile": "cim-tr-97-06",
-        **more,
-    }
-
-
-def write_cases(folder: Path) -> None:
-    """Write every case and its input."""
-    cases = {
-        "calibration": (case("calibration", "loads.csv"), loads_csv(11)),
-        "misalignment": (
-            case("misalignment", "trace.csv.gz", filter="report-6"),
-            trace_csv(misalignment_velocity(), 12),
-        ),
-        "ripple": (
-            case("ripple", "trace.csv.gz", filter="report-6"),
-            trace_csv(ripple_velocity(), 13),
-        ),
-        "filter": (case("filter", "../ripple/trace.csv.gz", filter="report-a1"), None),
-    }
-    for name, (body, text) in cases.items():
-        place = folder / name
-        place.mkdir(exist_ok=True)
-        (place / "case.json").write_text(json.dumps(body, indent=2) + "\n")
-        if text is not None and str(body["input"]).endswith(".gz"):
-            write_packed(place / str(body["input"]), text)
-        elif text is not None:
-            (place / str(body["input"])).write_text(text)
+def write_inputs(folder: Path) -> None:
+    """Write the input of every case."""
+    (folder / "calibration" / "loads.csv").write_text(loads_csv(11))
+    write_packed(folder / "misalignment" / "trace.csv.gz", trace_csv(misalignment_velocity(), 12))
+    write_packed(folder / "ripple" / "trace.csv.gz", trace_csv(ripple_velocity(), 13))
 
 
 if __name__ == "__main__":
-    write_cases(HERE)
+    write_inputs(HERE)

@@ -1,12 +1,7 @@
 """Charts of one history: the published examples, the false alarms, steps and drift."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 import trend_campaign as campaign
 
 from hdbench.trend.charts import _ewma, control_chart, find_limits, study_history

@@ -3,10 +3,11 @@
 import csv
 import json
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
-from runkit import misalignment_result, write_run
+from runkit import write_run
 
 from hdbench.errors import DataError
 from hdbench.records import add_note, list_runs
@@ -16,27 +17,16 @@ from hdbench_cli.options import declared
 START = datetime(2025, 1, 1, tzinfo=UTC)
 
 
-NUMBER = {"value": 0.9, "std": 0.1, "dof": None}
-# keys of the contract that these tests do not look at
+STORED = Path(__file__).parents[1] / "stored"
+KINDS = ("calibration", "misalignment", "ripple")
+# keys that these tests do not look at
 NEEDED = {
-    "calibration": {"consistency": None, "n_experiments": 9, "accepted": True, "experiments": []},
-    "misalignment": misalignment_result(0.9, 0.1),
-    "ripple": {
-        "motor_velocity_rad_s": {"mean": 1.0, "std": 0.0, "min": 1.0, "max": 1.0},
-        "torque_rms_nm": {"measured": 1.0, "filtered": 1.0},
-        "filter": {},
-    },
+    kind: json.loads((STORED / kind / "expected.json").read_text())["result"] for kind in KINDS
 }
-LOOP = {
-    **dict.fromkeys(("largest_nm", "at_torque_nm", "largest_torque_nm"), 1.0),
-    **dict.fromkeys(("area_v_nm", "area_relative"), 1.0),
-    **dict.fromkeys(("zero_return_nm", "zero_return_relative", "constant_nm", "lens_nm")),
-}
-LINE = {
-    **{"id": "a", "position_rad": 0.0, "direction": "cw", "range": "full"},
-    **{"gain_nm_per_v": 6.6, "residual_rms_nm": 0.0, "n": 9},
-}
-STRETCH = {"from_s": 0.0, "to_s": 1.0, "motor_velocity_rad_s": 60.0, "offset_nm": NUMBER}
+LOOP = next(iter(NEEDED["calibration"]["hysteresis"].values()))
+LINE = NEEDED["calibration"]["experiments"][0]
+NUMBER = {"value": 0.9, "std": 0.1, "dof": None}
+STRETCH = {**NEEDED["misalignment"]["stretches"][0], "offset_nm": NUMBER}
 
 
 def utc(day):
@@ -174,6 +164,7 @@ def test_every_quantity_is_read_from_a_result_of_its_kind(tmp_path):
         "experiments": [{**LINE, "intercept_nm": 0.1}, {**LINE, "intercept_nm": 0.3}],
     }
     misalignment = {
+        "amplitude_nm": NUMBER,
         "stretches": [STRETCH, STRETCH],
         "noise": {"order": 1, "coefficients": [], "innovation_std": 0.05, "n_samples": 200},
         "residual_rms_nm": 0.06,
