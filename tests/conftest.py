@@ -8,7 +8,9 @@ import gc
 import json
 import os
 import signal
+import sys
 from collections.abc import Callable, Generator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,6 +23,9 @@ settings.register_profile(
     "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("suite")
+
+# tools that tests use; behind the libraries, one of which has a tool's name: coverage
+sys.path.append(str(Path(__file__).parents[1] / "tools"))
 
 # programs that tests start write as they do at a user's terminal
 os.environ.pop("PYTHONUNBUFFERED", None)

@@ -331,9 +331,7 @@ def test_two_kinds_are_refused_with_exit_4(tmp_path):
 @pytest.mark.parametrize(
     "damage",
     [
-        {"peak_to_peak_nm": 3.0},
-        {"peak_to_peak_nm": {"value": 1.0}},
-        {"peak_to_peak_nm": q(1.0, -2.0)},
+        *({"peak_to_peak_nm": value} for value in (3.0, {"value": 1.0}, q(1.0, -2.0))),
         {"after": [1]},
         {"torque_scale": {"gain_nm_per_v": {"value": "x"}}},
     ],

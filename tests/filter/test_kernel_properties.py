@@ -8,21 +8,17 @@ from scipy.linalg import block_diag, expm
 
 
 def drift(block, dt):
-    """Return F and Q of a slow block by the matrix exponential (Van Loan), Q of a walk exactly."""
-    if block.kind == "random-walk":
-        return np.eye(1), np.array([[block.noise_per_s * dt]])
-    if block.kind == "ornstein-uhlenbeck":
-        a = np.array([[-1.0 / block.time_constant_s]])
-        q = np.array([[2.0 * block.variance / block.time_constant_s]])
-    elif block.kind == "integrated-random-walk":
-        a, q = np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([0.0, block.noise_per_s])
-    else:
-        rate = 1.0 / block.time_constant_s
-        w2 = rate**2 if block.kind == "matern-3/2" else (2.0 * np.pi * block.frequency_hz) ** 2
-        a = np.array([[0.0, 1.0], [-w2, -2.0 * rate]])
-        q = np.diag([0.0, 4.0 * rate * w2 * block.variance])
-    n = len(a)
-    both = expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * dt)
+    """Return F and Q of a slow block by the matrix exponential (Van Loan)."""
+    rate = 1.0 / (block.time_constant_s or 1.0)
+    w2 = rate**2 if block.kind == "matern-3/2" else (2.0 * np.pi * block.frequency_hz) ** 2
+    turning = [[0.0, 1.0], [-w2, -2.0 * rate]], [0.0, 4.0 * rate * w2 * block.variance]
+    a, density = {
+        "random-walk": ([[0.0]], [block.noise_per_s]),
+        "integrated-random-walk": ([[0.0, 1.0], [0.0, 0.0]], [0.0, block.noise_per_s]),
+        "ornstein-uhlenbeck": ([[-rate]], [2.0 * block.variance * rate]),
+    }.get(block.kind, turning)
+    a, n = np.array(a), len(a)
+    both = expm(np.block([[-a, np.diag(density)], [np.zeros((n, n)), a.T]]) * dt)
     f = both[n:, n:].T
     return f, f @ both[:n, n:]
 
@@ -61,21 +57,15 @@ def normal_equations(model, t, v, y):
     """Return matrix and right side of x_0 ~ prior, x_k - F x_(k-1) ~ Q, y - C x ~ R."""
     steps, c, prior = matrices(model, t, held(v))
     n, m = t.size, c.size
-    whole, right = np.zeros((n * m, n * m)), np.zeros(n * m)
-    whole[:m, :m] = np.diag(1.0 / prior)
-    for k, (f, q) in enumerate(steps):
-        inverse = np.linalg.inv(q)
-        inverse = 0.5 * (inverse + inverse.T)
-        a, b = slice(k * m, (k + 1) * m), slice((k + 1) * m, (k + 2) * m)
-        whole[a, a] += f.T @ inverse @ f
-        whole[a, b] -= f.T @ inverse
-        whole[b, a] -= inverse @ f
-        whole[b, b] += inverse
-    for k in np.flatnonzero((np.abs(y) < 1e12) & np.isfinite(v)):
-        at = slice(k * m, (k + 1) * m)
-        whole[at, at] += np.outer(c, c) / model.measurement_noise
-        right[at] += c * y[k] / model.measurement_noise
-    return whole, right, m
+    change = np.eye(n * m)
+    for k, (f, _) in enumerate(steps):
+        change[(k + 1) * m : (k + 2) * m, k * m : (k + 1) * m] = -f
+    weight = block_diag(np.diag(1.0 / prior), *(np.linalg.inv(q) for _, q in steps))
+    used = (np.abs(y) < 1e12) & np.isfinite(v)
+    seen = np.kron(np.diag(1.0 * used), c)
+    whole = change.T @ (0.5 * (weight + weight.T)) @ change
+    whole += seen.T @ seen / model.measurement_noise
+    return whole, seen.T @ np.where(used, y, 0.0) / model.measurement_noise, m
 
 
 def turning(n, seed):

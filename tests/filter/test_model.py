@@ -59,33 +59,28 @@ def stored(order, **changes):
     return {"order": order, "role": "ripple", "process_noise": 1, **changes}
 
 
+BAD_KEYS = {
+    **{"schema": "hdbench/ripple/1", "surplus": 1, "use_measured_angle": 1, "name": 5},
+    **{"measurement_noise": 0, "provenance": {"a": 1}, "torque_gain_nm_per_v": 0.0},
+}
+
+
 @pytest.mark.parametrize(
-    ("change", "place"),
+    ("key", "value", "place"),
     [
-        ({"schema": "hdbench/ripple/1"}, "schema"),
-        ({"surplus": 1}, "surplus"),
-        ({"gear_ratio": None}, "gear_ratio"),
-        ({"measurement_noise": ...}, "measurement_noise: found nothing"),
-        ({"gear_ratio": "100"}, "gear_ratio"),
-        ({"gear_ratio": True}, "gear_ratio"),
-        ({"gear_ratio": -100.0}, "gear_ratio"),
-        ({"measurement_noise": 0}, "measurement_noise"),
-        ({"use_measured_angle": 1}, "use_measured_angle"),
-        ({"name": 5}, "name"),
-        ({"blocks": {}}, "blocks"),
-        ({"blocks": []}, "blocks"),
-        ({"blocks": [{"order": 2.0}]}, "blocks.0"),
-        ({"blocks": [stored(0)]}, "order"),
-        ({"blocks": [stored(2, role="other")]}, "role"),
-        ({"blocks": [stored(2, role=["ripple"])]}, "role"),
-        ({"blocks": [stored(2)] * 2}, "order 2.0"),
-        ({"blocks": [stored(i + 1) for i in range(17)]}, "17 blocks"),
-        ({"provenance": {"a": 1}}, "provenance"),
-        ({"torque_gain_nm_per_v": 0.0}, "torque_gain_nm_per_v"),
+        *((key, value, key) for key, value in BAD_KEYS.items()),
+        *(("gear_ratio", value, "gear_ratio") for value in (None, "100", True, -100.0)),
+        ("measurement_noise", ..., "measurement_noise: found nothing"),
+        *(("blocks", {}, "blocks"), ("blocks", [], "blocks")),
+        ("blocks", [{"order": 2.0}], "blocks.0"),
+        ("blocks", [stored(0)], "order"),
+        *(("blocks", [stored(2, role=role)], "role") for role in ("other", ["ripple"])),
+        ("blocks", [stored(2)] * 2, "order 2.0"),
+        ("blocks", [stored(i + 1) for i in range(17)], "17 blocks"),
     ],
 )
-def test_a_bad_model_file_names_the_place(bench, tmp_path, change, place):
-    body = {**MODEL.to_dict(), **change}
+def test_a_bad_model_file_names_the_place(bench, tmp_path, key, value, place):
+    body = {**MODEL.to_dict(), key: value}
     text = json.dumps({key: value for key, value in body.items() if value is not ...})
     with pytest.raises(DataError, match=rf"^\S*own\.json(.|\n)*{place}"):
         loaded(bench, tmp_path, text)
@@ -233,20 +228,16 @@ def test_feeding_twice_does_not_grow_the_name(bench):
 
 
 @pytest.mark.parametrize(
-    "fed",
+    ("kind", "result"),
     [
-        {"ripple": {}},
-        {"ripple": {"ripple": []}},
-        {"ripple": {"ripple": [{"order": 0.0}]}},
-        {"ripple": {"ripple": ["2"]}},
-        {"ripple": {"ripple": [{"order": 2.0}, {"order": 2.0}]}},
-        {"ripple": {**RIPPLE, "filter": {"measurement_noise": math.nan}}},
-        {"misalignment": {}},
-        {"misalignment": {"filter": {"order": True}}},
-        {"calibration": {}},
-        {"calibration": {"gain_nm_per_v": {"value": 0.0}}},
+        *(("ripple", {}), ("misalignment", {}), ("calibration", {})),
+        *(("ripple", {"ripple": lines}) for lines in ([], [{"order": 0.0}], ["2"])),
+        ("ripple", {"ripple": [{"order": 2.0}, {"order": 2.0}]}),
+        ("ripple", {**RIPPLE, "filter": {"measurement_noise": math.nan}}),
+        ("misalignment", {"filter": {"order": True}}),
+        ("calibration", {"gain_nm_per_v": {"value": 0.0}}),
     ],
 )
-def test_results_that_lack_their_numbers_are_refused(bench, fed):
+def test_results_that_lack_their_numbers_are_refused(bench, kind, result):
     with pytest.raises(DataError):
-        build_filter_model(preset("report-6", bench), **fed)
+        build_filter_model(preset("report-6", bench), **{kind: result})

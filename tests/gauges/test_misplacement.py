@@ -17,12 +17,8 @@ BRIDGE = 1e-3
 
 def off(count: int, **kinds: float) -> PlacementErrors:
     """Return one draw with the first rosette off."""
-    first = np.eye(1, count)
-    return PlacementErrors(
-        kinds.get("radial", 0.0) * first,
-        kinds.get("circumferential", 0.0) * first,
-        kinds.get("angular", 0.0) * first,
-    )
+    sizes = (kinds.get(kind, 0.0) for kind in ("radial", "circumferential", "angular"))
+    return PlacementErrors(*(size * np.eye(1, count) for size in sizes))
 
 
 @pytest.mark.parametrize("degrees", [0.5, 1.0, 2.0, 10.0])

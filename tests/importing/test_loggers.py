@@ -134,18 +134,13 @@ def test_layout_keeps_what_stands_before_the_table():
 @pytest.mark.parametrize(
     ("unit", "wanted", "scale"),
     [
-        ("mV", "V", "0.001"),
-        ("ms", "s", "0.001"),
-        ("N·m", "N m", "1"),
-        ("N-m", "N m", "1"),
-        ("Ncm", "N m", "0.01"),
-        ("lb", "kg", "0.45359237"),
-        ("deg", "rad", f"{math.radians(1.0):.17g}"),
-        ("rpm", "rad/s", f"{math.pi / 30.0:.17g}"),
+        *(("mV", "V", 0.001), ("ms", "s", 0.001), ("lb", "kg", 0.45359237)),
+        *(("N·m", "N m", 1.0), ("N-m", "N m", 1.0), ("Ncm", "N m", 0.01)),
+        *(("deg", "rad", math.radians(1.0)), ("rpm", "rad/s", math.pi / 30.0)),
     ],
 )
 def test_scales_of_units(unit, wanted, scale):
-    assert float(unit_scale(unit, wanted)) == pytest.approx(float(scale), rel=1e-15)
+    assert float(unit_scale(unit, wanted)) == pytest.approx(scale, rel=1e-15)
 
 
 def test_unknown_units_are_not_judged():

@@ -9,40 +9,33 @@ import json
 import os
 import random
 import shutil
-import signal
 import tempfile
 import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+
+from forked import forked
 
 from hdbench.records.runindex import INDEX_NAME, list_runs
 
 # a summary counts as settled 20 ms after the last change in place of 2 s: file systems of Linux
 # date changes in steps of at most 10 ms, and a history would else never use what the index keeps
-_AHEAD_NS = 1_980_000_000
+_list_runs = partial(list_runs, clock_ns=lambda: time.time_ns() + 1_980_000_000)
 _LONGEST_PAUSE_S = 0.04
 _STATUS = ("complete", "incomplete", "aborted")
 _VERDICTS = ("nothing-found", "named", "unexplained")
 
-Row = tuple[str, str, str, str, str]
 
-
-def _clock_ns() -> int:
-    return time.time_ns() + _AHEAD_NS
-
-
-def listed(parent: Path) -> list[Row]:
+def listed(parent: Path) -> list[tuple[str, ...]]:
     """Return what the list of runs says."""
-    runs = list_runs(parent, clock_ns=_clock_ns)
+    runs = _list_runs(parent)
     return [(run.path.name, run.kind, run.status, run.drive, run.verdict) for run in runs]
 
 
-def truth(parent: Path) -> list[Row]:
+def truth(parent: Path) -> list[tuple[str, ...]]:
     """Return what the folders say."""
     rows = []
-    for folder in sorted(parent.iterdir()):
-        if not (folder / "run.json").exists():
-            continue
+    for folder in sorted(file.parent for file in parent.glob("*/run.json")):
         try:
             run = json.loads((folder / "run.json").read_text())
         except ValueError:
@@ -73,11 +66,9 @@ def _add(parent: Path, draw: random.Random) -> None:
 
 
 def _pick(parent: Path, draw: random.Random) -> Path:
-    folders = sorted(path for path in parent.iterdir() if path.is_dir())
-    if not folders:
+    if not list(parent.glob("*/")):
         _add(parent, draw)
-        return _pick(parent, draw)
-    return draw.choice(folders)
+    return draw.choice(sorted(parent.glob("*/")))
 
 
 def _copy(parent: Path, draw: random.Random) -> None:
@@ -139,19 +130,6 @@ def _spoil_index(parent: Path, draw: random.Random) -> None:
             stream.write(draw.randbytes(200))
 
 
-def _child(work: Callable[[], object]) -> int:
-    """Run `work` in a process of its own; return its number."""
-    process = os.fork()
-    if process == 0:
-        code = 1
-        try:
-            work()
-            code = 0
-        finally:
-            os._exit(code)
-    return process
-
-
 def _killed(parent: Path, draw: random.Random) -> None:
     """Kill a process with -9 while it updates the index."""
     _add(parent, draw)
@@ -160,13 +138,12 @@ def _killed(parent: Path, draw: random.Random) -> None:
     def update() -> None:
         while True:
             (parent / INDEX_NAME).unlink(missing_ok=True)
-            list_runs(parent, clock_ns=_clock_ns)
-            list_runs(parent, clock_ns=_clock_ns)
+            _list_runs(parent)
+            _list_runs(parent)
 
-    process = _child(update)
-    time.sleep(draw.uniform(0.0, 0.03))
-    os.kill(process, signal.SIGKILL)
-    os.waitpid(process, 0)
+    with forked(update) as process:
+        time.sleep(draw.uniform(0.0, 0.03))
+        process.kill()
 
 
 def _two_writers(parent: Path, draw: random.Random) -> None:
@@ -174,28 +151,18 @@ def _two_writers(parent: Path, draw: random.Random) -> None:
 
     def several() -> None:
         for _ in range(5):
-            list_runs(parent, clock_ns=_clock_ns)
+            _list_runs(parent)
 
-    children = [_child(several), _child(several)]
-    for _ in range(3):
-        draw.choice((_add, _change, _move))(parent, draw)
-    for process in children:
-        _, status = os.waitpid(process, 0)
-        if status:
-            raise AssertionError(f"a process that listed runs ended with {status}")
+    with forked(several) as one, forked(several) as other:
+        for _ in range(3):
+            draw.choice((_add, _change, _move))(parent, draw)
+    assert (one.returncode, other.returncode) == (0, 0), "processes that listed runs"
 
 
 _STEPS = (
-    (_add, 4),
-    (_copy, 2),
-    (_move, 2),
-    (_swap, 2),
-    (_change, 6),
-    (_damage_run, 1),
-    (_delete, 2),
-    (_spoil_index, 2),
-    (_killed, 2),
-    (_two_writers, 2),
+    *(2 * (_add, _add, _copy, _move, _swap, _change, _change, _change)),
+    *(2 * (_delete, _spoil_index, _killed, _two_writers)),
+    _damage_run,
 )
 
 
@@ -207,11 +174,9 @@ def run_history(seed: int, steps: int = 15) -> None:
         for _ in range(5):
             _add(parent, draw)
         for number in range(steps):
-            step = draw.choices([s for s, _ in _STEPS], [weight for _, weight in _STEPS])[0]
+            step = draw.choice(_STEPS)
             step(parent, draw)
             place = f"history {seed}, step {number} ({step.__name__})"
             for _ in range(2):  # the second call finds what the first one kept
-                found, real = listed(parent), truth(parent)
-                if found != real:
-                    raise AssertionError(f"{place}: {found} but {real}")
+                assert listed(parent) == truth(parent), place
                 time.sleep(draw.uniform(0.0, _LONGEST_PAUSE_S))

@@ -101,12 +101,8 @@ def test_a_library_that_is_missing_is_named_with_its_extra(trace_file, tmp_path,
 @pytest.mark.parametrize(
     ("name", "unit"),
     [
-        ("time_s", "s"),
-        ("motor_velocity_rad_s", "rad/s"),
-        ("motor_acceleration_rad_s2", "rad/s^2"),
-        ("temperature_c", "degC"),
-        ("encoder_count", "1"),
-        ("stage", ""),
+        *(("time_s", "s"), ("temperature_c", "degC"), ("encoder_count", "1"), ("stage", "")),
+        *(("motor_velocity_rad_s", "rad/s"), ("motor_acceleration_rad_s2", "rad/s^2")),
     ],
 )
 def test_units_are_read_off_the_names(name, unit):

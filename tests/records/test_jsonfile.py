@@ -44,15 +44,10 @@ def test_the_header_is_that_of_the_contract():
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ('{"a": NaN}', "NaN"),
-        ('{"a": 1e999}', "1e999"),
-        ('{"a": 1, "a": 2}', "twice"),
-        ("[" * 100_000, "deep"),
-        ('{"a": 1', "not valid JSON"),
-        ("[1]", "list"),
+        *(('{"a": NaN}', "NaN"), ('{"a": 1e999}', "1e999"), ('{"a": 1, "a": 2}', "twice")),
+        *(("[" * 100_000, "deep"), ("[1]", "list"), ("1" * 5000, "JSON")),
+        *(('{"a": 1', "not valid JSON"), ("", "not valid JSON")),
         ('{"schema": "hdbench/other/1"}', "hdbench/ripple/1"),
-        ("", "not valid JSON"),
-        ("1" * 5000, "JSON"),
     ],
 )
 def test_a_file_that_is_no_result_is_refused(tmp_path, text, word):

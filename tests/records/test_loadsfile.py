@@ -53,13 +53,10 @@ def test_a_trace_is_told_from_loads_by_its_columns(tmp_path):
         ("full", "Full", ["'range'", "low or full"]),
         ("cw", "clockwise", ["'direction'", "cw or ccw"]),
         ("up", "", ["'series'", "up or down"]),
-        ("a,", ",", ["'experiment'"]),
+        *(("a,", ",", ["'experiment'"]), ("0.5", "x", ["'position_rad'"])),
         ("9.8", "nan", ["'torque_nm'", "finite"]),
-        ("1.48", "", ["'reading_v'", "finite"]),
-        ("1.48", "inf", ["'reading_v'", "finite"]),
-        ("100", "0", ["'n_samples'", "at least 1"]),
-        ("100", "1.5", ["'n_samples'", "whole"]),
-        ("0.5", "x", ["'position_rad'"]),
+        *(("1.48", wrong, ["'reading_v'", "finite"]) for wrong in ("", "inf")),
+        *(("100", "0", ["'n_samples'", "at least 1"]), ("100", "1.5", ["'n_samples'", "whole"])),
     ],
 )
 def test_a_cell_out_of_its_domain_is_named_with_its_line(tmp_path, old, new, words):

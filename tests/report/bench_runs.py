@@ -100,6 +100,5 @@ def diagnosis_run(parent: Path, profile: Profile, cause: dict[str, object]) -> P
 
 def table(path: Path, **columns: np.ndarray) -> None:
     """Write columns of numbers as CSV."""
-    rows = zip(*columns.values(), strict=True)
-    lines = [",".join(columns), *(",".join(f"{x:.6g}" for x in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n")
+    body = np.column_stack([*columns.values()])
+    np.savetxt(path, body, "%.6g", ",", header=",".join(columns), comments="")
