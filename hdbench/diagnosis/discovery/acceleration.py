@@ -130,7 +130,7 @@ class Derivative:
     period_s : float
         Sampling period, s.
     degree : int
-        2 for the acceleration by an angle, 1 for that by a velocity.
+        2 for the acceleration by an angle, 1 for that by a velocity, 0 for the velocity itself.
     """
 
     time_s: FloatArray
@@ -142,6 +142,11 @@ class Derivative:
         """Even times, s."""
         count = round((self.time_s[-1] - self.time_s[0]) / self.period_s) + 1
         return np.asarray(self.time_s[0] + self.period_s * np.arange(count))
+
+    def has_cells(self, values: FloatArray) -> bool:
+        """Return whether a channel is long enough, and has no pauses as long as it is."""
+        long = np.isfinite(values).sum() >= 2 * _LEAST_CELL
+        return bool(long and len(self.ticks_s) <= 2 * len(self.time_s))
 
     @property
     def _width(self) -> int:
@@ -215,15 +220,35 @@ def seen_acceleration(
     """
     degree = 2 if motion.acceleration_source == "angle" else 1
     values = motion.angle_rad if degree == 2 else motion.velocity_rad_s
-    known, made = np.isfinite(values), Derivative(motion.time_s, period_s, degree)
-    if known.sum() < 2 * _LEAST_CELL or len(made.ticks_s) > 2 * len(motion):
+    made = Derivative(motion.time_s, period_s, degree)
+    if not made.has_cells(values):
         return motion, np.zeros(len(motion))
-    hertz, cells = made.cells(made.of(values))
     asked = made.cells(np.interp(made.ticks_s, motion.time_s, ripple_nm))[1]
-    kept, answer = _standing_out(hertz, cells, asked, degree, _step_of(values[known]))
-    seen = made.of_cells(np.where(kept, cells, 0.0))
+    seen, kept, answer = _seen(made, values, asked)
     found = replace(motion, acceleration_rad_s2=seen, shown_by_angle=ShownByAngle(made, kept))
     return found, made.of_cells(answer)
+
+
+def seen_velocity(motion: Motion, period_s: float) -> Motion:
+    """Return the motion with its velocity as far as that stands out of its channel's noise.
+
+    Near standstill a dry friction follows every change of sign.
+    """
+    values, made = motion.velocity_rad_s, Derivative(motion.time_s, period_s, 0)
+    if not made.has_cells(values):
+        return motion
+    seen = _seen(made, values)[0]
+    return replace(motion, velocity_rad_s=np.where(np.isfinite(values), seen, np.nan))
+
+
+def _seen(
+    made: Derivative, values: FloatArray, asks_nm: NDArray[np.complex128] | float = 0.0
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.complex128]]:
+    """Return what stands out of a channel's noise, in which cells, and the answer in the rest."""
+    hertz, cells = made.cells(made.of(values))
+    step = _step_of(values[np.isfinite(values)])
+    kept, answer = _standing_out(hertz, cells, asks_nm + np.zeros_like(cells), made.degree, step)
+    return made.of_cells(np.where(kept, cells, 0.0)), kept, answer
 
 
 def _step_of(values: FloatArray) -> float:

@@ -17,6 +17,7 @@ from hdbench.diagnosis.discovery.acceleration import (
     motions_of,
     ripple_of,
     seen_acceleration,
+    seen_velocity,
     times_by_shaft,
 )
 from hdbench.diagnosis.discovery.bands import (
@@ -284,6 +285,7 @@ def prepare_record(
             for found, answer in [seen_acceleration(replace(one, time_s=time), ripple, period)]
         ]
     motion, answer, jitter = likeliest(motions, profile, torque, usable, period)
+    motion = seen_velocity(motion, period)
     load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
     whole_turn = "misalignment:cosine" in names
