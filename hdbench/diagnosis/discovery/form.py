@@ -16,6 +16,7 @@ from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import (
     ABOVE_NOISE,
     Term,
+    is_whole_share,
     moved_term,
     same_torque,
     smooth_shapes,
@@ -53,6 +54,9 @@ _OWN_SHARE = 0.0025
 # an error is nowhere more than so many times the part, per unit of relative size: where a part
 # turns over, the one behind is a pulse
 _STEEPEST = 30.0
+# ratios of shapes over which a slower turn is spread, each with a share of one over it: the turn of
+# an arctangent goes on like one over the speed
+_SPREAD = (2.5, 6.0, 15.0, 40.0)
 # changes of form errors that are tried without what they could say themselves, and the share of a
 # cause's torque that they must span for that
 _WITHOUT, _SPANNED = 4, 0.3
@@ -109,6 +113,7 @@ def _directions(
         if term is not None:
             kinds.append(_built_up(record, torque, term))
             kinds.append(_towards(record, torque, _other_shapes(term, record)))
+            kinds.append(_spread(record, torque, term, linear))
         kinds = [_beyond_plain(record, torque, kind) for kind in kinds]
     if term is not None:
         kinds.append(_towards(record, torque, _other_forms(term, record)))
@@ -124,6 +129,21 @@ def _towards(record: Record, torque: FloatArray, others: list[Term]) -> list[Flo
         if np.any(columns):
             nearest = columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
             out.append((nearest - torque) / SCALES[-1])
+    return out
+
+
+def _spread(record: Record, torque: FloatArray, term: Term, linear: FloatArray) -> list[FloatArray]:
+    """Return what leads to a term with many shapes at once: it turns over more slowly."""
+    bounds, out = shape_bounds(term.cause, record.motion), []
+    # a play or a limit does not turn over
+    for name in () if is_whole_share(term.cause) else smooth_shapes(term):
+        row = np.zeros_like(torque)
+        for ratio in _SPREAD:
+            value = term.shape[name] * ratio
+            if any(low <= value <= high for low, high in bounds.get(name, ())):
+                other = replace(term, shape={**term.shape, name: value})
+                row += (term_columns(other, record) @ linear - torque) / ratio
+        out.append(row / SCALES[-1])
     return out
 
 
