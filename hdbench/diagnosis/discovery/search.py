@@ -508,7 +508,8 @@ class Search:
     def exchange_for_table(self) -> bool:
         """Take a table in place of laws that miss the torque's form; return whether any went."""
         for part in self.fit.causes():
-            if part in self.fit.tables():
+            if part in self.fit.tables() or self.fit.term(part).cause.common:
+                # what nearly every drive has stays, and a table stands beside it
                 continue
             view = self.fit.without(part, *self.fit.tables())
             beside = view.beside()
