@@ -345,12 +345,16 @@ def study_history(
     probability: float,
     draw: np.random.Generator,
 ) -> History:
-    """Study one history."""
+    """Study one history; an uncertainty of 0 is one that a run does not state."""
     if values.size < LEAST_RUNS:
         why = f"{values.size} runs; needed: {LEAST_RUNS} for limits"
         return History(None, None, (), (), None, why)
     if not np.mean(np.abs(np.diff(values))) > 0.0:
         return History(None, None, (), (), None, "no scatter: every run says the same")
+    stated = own_stds > 0.0
+    if stated.any():
+        # a run that states none is taken to be as good as the others
+        own_stds = np.where(stated, own_stds, np.median(own_stds[stated]))
     chart = control_chart(values, own_stds)
     limits = find_limits(chart, own_stds, probability, draw)
     steps = _steps(values, chart.stds, limits.step, 0)

@@ -85,6 +85,16 @@ def test_an_uncertainty_common_to_all_runs_does_not_hide_what_they_say():
     assert common.between_std == 0.0
 
 
+def test_a_run_that_states_no_uncertainty_is_as_good_as_the_others():
+    # they scatter less than the others say: their own scatter alone would be zero
+    values, own = 0.1 * np.random.default_rng(3).normal(size=12), np.full(12, 0.5)
+    own[::3] = 0.0
+    chart, limits = study(values, own).chart, study(values, own).limits
+    assert np.allclose(chart.stds, chart.stds[0])
+    assert chart.stds[0] > 0.0
+    assert np.isfinite(limits.individuals)
+
+
 def test_a_step_is_placed_sized_and_given_its_probability():
     values = np.random.default_rng(5).normal(size=60)
     values[25:] += 3.0
