@@ -44,7 +44,7 @@ def test_a_shift_is_the_signal_some_samples_ago_and_keeps_its_power():
 
 
 def test_a_delay_is_found_beside_friction():
-    found = named(diagnose_trace(reversing(dry, channel=late(2)), PROFILE))
+    found = named(diagnose_trace(reversing(dry, channel=late(2), n=8000), PROFILE))
     assert {"time-skew", "coulomb-friction"} <= set(found)
     skew = found["time-skew"].parameters["skew_s"]
     assert abs(skew.value - 0.002) < 4.0 * skew.std < 1e-4
@@ -72,9 +72,9 @@ def test_no_delay_is_found_where_there_is_none():
 
 def test_a_low_pass_is_found_through_gaps_of_the_stamps():
     filtered = causal(butter(2, 12.0, fs=1000.0, output="sos"))
-    whole = reversing(dry, channel=filtered, noise_nm=0.01)
+    whole = reversing(dry, channel=filtered, noise_nm=0.01, n=9000)
     kept = np.ones(len(whole), dtype=bool)
-    for first in (2500, 7000, 11_300):
+    for first in (2500, 5000, 7300):
         kept[first : first + 25] = False
     trace = Trace({name: values[kept] for name, values in whole.columns.items()})
     result = diagnose_trace(trace, PROFILE)
@@ -91,7 +91,7 @@ def test_a_low_pass_is_found_through_gaps_of_the_stamps():
 def test_a_low_pass_of_another_form_is_no_cause(hertz):
     # two stages of first order: no low-pass that is tried has this form
     stages = causal(np.vstack([butter(1, hertz, fs=1000.0, output="sos")] * 2))
-    result = diagnose_trace(reversing(dry, channel=stages, noise_nm=0.01, n=10_000), PROFILE)
+    result = diagnose_trace(reversing(dry, channel=stages, noise_nm=0.01, n=7000), PROFILE)
     (cause,) = result.causes
     assert "coulomb-friction" in cause.group
     assert result.unexplained == ()
