@@ -23,6 +23,7 @@ from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import (
     Term,
     free_shapes,
+    is_whole_share,
     moved_term,
     smooth_shapes,
     tangent_columns,
@@ -245,7 +246,8 @@ def _sized(fit: Fit) -> tuple[Fit, list[int], set[int]]:
 def _unsized(fit: Fit) -> set[int]:
     """Return the causes of a fit whose size is outside of its limits, may be zero, or is too large.
 
-    Where it may be zero, the form error alone explains the torque.
+    Where it may be zero, the form error alone explains the torque. A share that is 1 where the
+    cause is what it says has no limits: how far it is off is an error of its form.
     """
     covariance = inverse(fit.information)
     std = np.sqrt(np.diag(covariance))
@@ -254,6 +256,7 @@ def _unsized(fit: Fit) -> set[int]:
         slack = _POSSIBLE_STDS * std[fit.flat(part)] / fit.parts[part].scale
         limits = zip(fit.term(part).cause.linear, fit.linear(part), slack, strict=True)
         inside = all(p.lower - s <= value <= p.upper + s for p, value, s in limits)
+        inside |= is_whole_share(fit.term(part).cause)
         sure = own_statistic(fit, part, covariance) > 2.0 * RIVAL_NATS
         if not inside or not sure or not is_within(fit, part):
             found.add(part)
