@@ -267,6 +267,15 @@ def test_a_cause_spoils_a_prediction_only_where_the_pieces_agree(saved, spoils):
     assert _spoils(whole, without) is spoils
 
 
+def test_a_play_whose_share_is_a_little_above_one_stays():
+    fit = fitted(prepared(reversing(lambda _angle, _speed, load: -np.clip(load, -0.2, 0.2))))
+    new = joined(fit, (term("backlash", play_nm=0.2),))
+    play = len(fit.parts)
+    new.coefficients[new.flat(play)] = 1.05 * new.parts[play].scale
+    assert new.linear(play)[0] > new.term(play).cause.linear[0].upper
+    assert impossible_parts(new) == set()
+
+
 def test_a_play_takes_all_that_is_its_own_beside_what_is_not_found_yet():
     def held(_angle, speed, load):
         return -np.clip(load, -0.2, 0.2) - 0.1 * np.tanh(load) + 0.1 * np.tanh(speed)

@@ -9,7 +9,12 @@ from scipy.signal import butter, sosfiltfilt
 from swinging_shaft import COUNT, INERTIA, counted, reversing, swing, trace_of
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.discovery.acceleration import in_step, seen_acceleration, times_by_shaft
+from hdbench.diagnosis.discovery.acceleration import (
+    in_step,
+    seen_acceleration,
+    seen_velocity,
+    times_by_shaft,
+)
 from hdbench.diagnosis.discovery.bands import LowPass, make_bands, smoothed
 from hdbench.diagnosis.discovery.fit import fixed_of
 from hdbench.diagnosis.discovery.record import as_followed, on_clock
@@ -136,6 +141,17 @@ def starting(time):
     phase = 0.5 * np.pi * time
     angle = 80.0 * (time - 2.0 / np.pi * np.sin(phase))
     return 80.0 * (1.0 - np.cos(phase)), angle, 40.0 * np.pi * np.sin(phase)
+
+
+def test_the_noise_of_a_velocity_goes_and_the_motion_stays():
+    time = 1e-3 * np.arange(20_000)
+    speed, angle, _ = starting(time)
+    noise = 0.05 * np.random.default_rng(4).standard_normal(len(time))
+    trace = trace_of(time, speed + noise, angle, np.zeros(len(time)))
+    found = seen_velocity(motion_from_trace(trace, PROFILE.data), 1e-3)
+    # a motion of 3000 times the noise is above it up to the ninth side lobe of a Hann window, which
+    # fall by 18 dB an octave: of 101 frequencies the noise of the lowest ten may stay
+    assert np.std(found.velocity_rad_s - speed) < np.sqrt(10.0 / 101.0) * 0.05
 
 
 def angle_log(error_rad, counts=10_000, n=20_000):

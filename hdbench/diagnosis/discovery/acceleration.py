@@ -223,8 +223,11 @@ def seen_acceleration(
     made = Derivative(motion.time_s, period_s, degree)
     if not made.has_cells(values):
         return motion, np.zeros(len(motion))
+    hertz, cells = made.cells(made.of(values))
+    kept = _standing_out(hertz, cells, made.degree, _step_of(values))
     asked = made.cells(np.interp(made.ticks_s, motion.time_s, ripple_nm))[1]
-    seen, kept, answer = _seen(made, values, asked)
+    answer = _answer(hertz, cells, np.where(kept, 0.0, asked), made.degree)
+    seen = made.of_cells(np.where(kept, cells, 0.0))
     found = replace(motion, acceleration_rad_s2=seen, shown_by_angle=ShownByAngle(made, kept))
     return found, made.of_cells(answer)
 
@@ -232,27 +235,20 @@ def seen_acceleration(
 def seen_velocity(motion: Motion, period_s: float) -> Motion:
     """Return the motion with its velocity as far as that stands out of its channel's noise.
 
-    Near standstill a dry friction follows every change of sign.
+    Near standstill a dry friction follows every change of sign, that of noise too.
     """
     values, made = motion.velocity_rad_s, Derivative(motion.time_s, period_s, 0)
     if not made.has_cells(values):
         return motion
-    seen = _seen(made, values)[0]
-    return replace(motion, velocity_rad_s=np.where(np.isfinite(values), seen, np.nan))
-
-
-def _seen(
-    made: Derivative, values: FloatArray, asks_nm: NDArray[np.complex128] | float = 0.0
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.complex128]]:
-    """Return what stands out of a channel's noise, in which cells, and the answer in the rest."""
     hertz, cells = made.cells(made.of(values))
-    step = _step_of(values[np.isfinite(values)])
-    kept, answer = _standing_out(hertz, cells, asks_nm + np.zeros_like(cells), made.degree, step)
-    return made.of_cells(np.where(kept, cells, 0.0)), kept, answer
+    kept = _standing_out(hertz, cells, made.degree, _step_of(values))
+    seen = made.of_cells(np.where(kept, cells, 0.0))
+    return replace(motion, velocity_rad_s=np.where(np.isfinite(values), seen, np.nan))
 
 
 def _step_of(values: FloatArray) -> float:
     """Return the step in which values were counted; 0 where they were not."""
+    values = values[np.isfinite(values)]
     turns = np.abs(np.diff(values, 2))
     # rounding is far below a step, and few samples are interpolated
     turns = turns[turns > 1e-12 * np.abs(values).max()]
@@ -265,39 +261,51 @@ def _step_of(values: FloatArray) -> float:
 
 
 def _standing_out(
-    hertz: FloatArray,
-    seen: NDArray[np.complex128],
-    asks_nm: NDArray[np.complex128],
-    degree: int,
-    step: float,
-) -> tuple[NDArray[np.bool_], NDArray[np.complex128]]:
+    hertz: FloatArray, seen: NDArray[np.complex128], degree: int, step: float
+) -> NDArray[np.bool_]:
     """Return where a derivative of the measured motion stands out of its channel's noise.
 
-    And how it answers to the ripple of the torque in the rest. A cell of the short-time spectrum
-    takes part where it stands out of the noise, which is even over the frequencies of what was
-    differentiated: a line that the speed moves is kept, the noise beside it is not. Counting steps
-    make lines, as steady as the speed: the first of their sawtooth has an amplitude of the step
-    over pi, and no line below that takes part. The speed of a drive answers to its torque: where
-    the other cells agree on that, it says the rest.
+    A cell of the short-time spectrum takes part where it stands out of the noise, which is even
+    over the frequencies of what was differentiated: a line that the speed moves is kept, the noise
+    beside it is not. Counting steps make lines, as steady as the speed: the first of their sawtooth
+    has an amplitude of the step over pi, and no line below that takes part.
     """
     from scipy.ndimage import uniform_filter
 
-    level = np.maximum(hertz, hertz[1])[:, None] ** (2 * degree)
+    level = _level(hertz, degree)
     # the median of the upper octave: lines stand in few cells; that of an exponential is ln 2
     noise = float(np.median((np.abs(seen) ** 2 / level)[hertz > 0.5 * hertz[-1]])) / np.log(2.0)
     # a line stands in three cells of a Hann window, a half of its power in their mean; between two
     # cells, or with the next harmonic beside it, it may have twice that
     counted = 2.0 * 0.5 * (0.5 * step / np.pi * (2.0 * np.pi) ** degree) ** 2
     least = max(_STANDS_OUT * noise, counted)
-    kept = uniform_filter(np.abs(seen) ** 2 / level, 3) > least
-    asked = np.where(kept, 0.0, asks_nm)
+    return np.asarray(uniform_filter(np.abs(seen) ** 2 / level, 3) > least)
+
+
+def _answer(
+    hertz: FloatArray,
+    seen: NDArray[np.complex128],
+    asked: NDArray[np.complex128],
+    degree: int,
+) -> NDArray[np.complex128]:
+    """Return how a derivative of the motion answers to a torque, where the cells agree on that.
+
+    The speed of a drive answers to its torque: what no cell shows by itself many may say together.
+    """
     # the noise grows with the frequency
+    level = _level(hertz, degree)
     both = seen * asked.conj() / level
     octave = np.log2(np.maximum(hertz, hertz[1]))
     beside = np.abs(octave - octave[:, None]) < _ALIKE
     agreed, asks = (beside @ one.sum(axis=1) for one in (both, np.abs(asked) ** 2 / level))
     answers = np.abs(agreed) ** 2 > _AGREE * (beside @ (np.abs(both) ** 2).sum(axis=1))
-    return kept, asked * (np.where(answers, agreed, 0.0) / np.maximum(asks, 1e-300))[:, None]
+    shares = np.where(answers, agreed, 0.0) / np.maximum(asks, 1e-300)
+    return np.asarray(asked * shares[:, None])
+
+
+def _level(hertz: FloatArray, degree: int) -> FloatArray:
+    """Return the power of a derivative of even noise at some frequencies, as a column."""
+    return np.asarray(np.maximum(hertz, hertz[1])[:, None] ** (2 * degree))
 
 
 def _derivative(values: FloatArray, period_s: float, degree: int) -> FloatArray:

@@ -16,6 +16,7 @@ from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import (
     ABOVE_NOISE,
     Term,
+    at_shape,
     is_whole_share,
     moved_term,
     same_torque,
@@ -134,14 +135,13 @@ def _towards(record: Record, torque: FloatArray, others: list[Term]) -> list[Flo
 
 def _spread(record: Record, torque: FloatArray, term: Term, linear: FloatArray) -> list[FloatArray]:
     """Return what leads to a term with many shapes at once: it turns over more slowly."""
-    bounds, out = shape_bounds(term.cause, record.motion), []
+    out = []
     # a play or a limit does not turn over
     for name in () if is_whole_share(term.cause) else smooth_shapes(term):
         row = np.zeros_like(torque)
         for ratio in _SPREAD:
-            value = term.shape[name] * ratio
-            if any(low <= value <= high for low, high in bounds.get(name, ())):
-                other = replace(term, shape={**term.shape, name: value})
+            other = at_shape(term, name, term.shape[name] * ratio, record)
+            if other is not None:
                 row += (term_columns(other, record) @ linear - torque) / ratio
         out.append(row / SCALES[-1])
     return out
@@ -243,17 +243,13 @@ def _other_shapes(term: Term, record: Record) -> list[Term]:
         for move in (-0.01, -0.003, 0.003, 0.01):
             time = term.shape["step_time_s"] + move * record.span_s
             out.append(replace(term, shape={**term.shape, "step_time_s": time}))
-    bounds = shape_bounds(term.cause, record.motion)
     for name in smooth_shapes(term):
         value = term.shape[name]
         for ratio in _RATIOS:
-            target = value * ratio
-            if any(a <= target <= b for a, b in bounds.get(name, ())):
-                out.append(replace(term, shape={**term.shape, name: target}))
-            else:
-                nearer = moved_term(term, {name: target - value}, record)
-                if nearer.shape != term.shape:
-                    out.append(nearer)
+            other = at_shape(term, name, value * ratio, record)
+            other = other or moved_term(term, {name: value * ratio - value}, record)
+            if other.shape != term.shape:
+                out.append(other)
     return out
 
 

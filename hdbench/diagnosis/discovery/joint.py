@@ -22,6 +22,7 @@ from hdbench.diagnosis.discovery.refine import candidate_of
 from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import (
     Term,
+    at_shape,
     free_shapes,
     is_whole_share,
     moved_term,
@@ -30,7 +31,7 @@ from hdbench.diagnosis.discovery.term import (
     term_columns,
 )
 from hdbench.diagnosis.evidence import RIVAL_NATS
-from hdbench.model import Cause, shape_bounds
+from hdbench.model import Cause
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
 from hdbench.records.trace import FloatArray
 
@@ -167,11 +168,10 @@ def _formed_shapes(fit: Fit, parts: Sequence[int], wide: bool) -> Fit:
 
 def _along_shape(fit: Fit, part: int, name: str, ratio: float) -> Iterator[Fit]:
     """Yield the fit with one shape of a cause at powers of a ratio of it, to the domain's end."""
-    term, bounds = fit.term(part), shape_bounds(fit.term(part).cause, fit.record.motion)
-    target = term.shape[name] * ratio
-    while any(low <= target <= high for low, high in bounds.get(name, ())):
-        yield _at_shapes(fit, {part: replace(term, shape={**term.shape, name: target})})
-        target *= ratio
+    term, value = fit.term(part), fit.term(part).shape[name] * ratio
+    while moved := at_shape(term, name, value, fit.record):
+        yield _at_shapes(fit, {part: moved})
+        value *= ratio
 
 
 def _at_shapes(fit: Fit, terms: Mapping[int, Term]) -> Fit:

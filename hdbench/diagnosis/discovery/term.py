@@ -141,6 +141,13 @@ def resolution(name: str, term: Term, record: Record) -> float:
     return 2.0 * np.pi / max(float(np.ptp(angle[record.valid])), 1e-9)
 
 
+def at_shape(term: Term, name: str, value: float, record: Record) -> Term | None:
+    """Return the term with one shape at a value; None outside of its domain."""
+    bands = shape_bounds(term.cause, record.motion).get(name, ())
+    inside = any(low <= value <= high for low, high in bands)
+    return replace(term, shape={**term.shape, name: value}) if inside else None
+
+
 def moved_term(term: Term, moves: Mapping[str, float], record: Record) -> Term:
     """Return the term with its shape moved, cut to its bands and to a stride."""
     bounds = shape_bounds(term.cause, record.motion)
